@@ -1,0 +1,75 @@
+"""Alerts: id, severity and text as data. Flight sends the id; the ground renders the text.
+
+The id is also the bit of the `alerts` word in INTEGRITY and LEONAV_INTEGRITY, so ids stay within 0..31,
+and a text fits a MAVLink STATUSTEXT (50 bytes, ASCII). Ids are never reused.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY (RFC 5424 levels)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+    DEBUG = 7
+
+
+class AlertId(IntEnum):
+    """Number of an alert on the link, and its bit in the `alerts` word."""
+
+    FLAG_RAISED = 1
+    FLAG_CLEARED = 2
+    BOUND_STALE = 3
+    OUTAGE_START = 4
+    OUTAGE_END = 5
+    REINITIALISED = 6
+    INITIALISED = 7
+    TIME_JUMP_REJECTED = 8
+    CLOCK_REINITIALISED = 9
+    STORED_DA_MISSING = 10
+    TABLE_UNCERTIFIED = 11
+    TICK_SLIP = 12
+    BUS_OFF = 13
+    EARTH_ORIENTATION_EXPIRED = 14
+    DIVERGED = 15
+
+
+class Alert(NamedTuple):
+    """What the ground shows for an id."""
+
+    id: AlertId
+    severity: Severity
+    text: str
+
+
+ALERTS: dict[int, Alert] = {
+    alert.id: alert
+    for alert in (
+        Alert(AlertId.FLAG_RAISED, Severity.CRITICAL, "Error bound above the limit: do not use the state"),
+        Alert(AlertId.FLAG_CLEARED, Severity.NOTICE, "Failure flag cleared: state back in service"),
+        Alert(AlertId.BOUND_STALE, Severity.ALERT, "Error bound cannot be computed: do not use"),
+        Alert(AlertId.OUTAGE_START, Severity.WARNING, "GNSS lost: navigating alone"),
+        Alert(AlertId.OUTAGE_END, Severity.NOTICE, "GNSS back: fixes accepted again"),
+        Alert(AlertId.REINITIALISED, Severity.ALERT, "State restarted from fixes it had rejected"),
+        Alert(AlertId.INITIALISED, Severity.INFO, "Navigation initialised"),
+        Alert(AlertId.TIME_JUMP_REJECTED, Severity.WARNING, "Jump of GPS time rejected"),
+        Alert(AlertId.CLOCK_REINITIALISED, Severity.ALERT, "Onboard time restarted from time pulses"),
+        Alert(AlertId.STORED_DA_MISSING, Severity.WARNING, "No stored dA for this part of the orbit"),
+        Alert(AlertId.TABLE_UNCERTIFIED, Severity.NOTICE, "Navigation table carries no certificate"),
+        Alert(AlertId.TICK_SLIP, Severity.WARNING, "Tick began late"),
+        Alert(AlertId.BUS_OFF, Severity.ERROR, "CAN bus lost: reconnecting"),
+        Alert(
+            AlertId.EARTH_ORIENTATION_EXPIRED, Severity.ALERT, "Earth orientation table does not cover now"
+        ),
+        Alert(AlertId.DIVERGED, Severity.ALERT, "Consistent fixes rejected: state unreliable"),
+    )
+}

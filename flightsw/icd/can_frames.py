@@ -1,0 +1,432 @@
+"""CAN frame layouts. GENERATED from sensor_bus.dbc by `ground icd generate`: edit the DBC."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flightsw.icd.frame_layout import FrameLayout as FrameLayout
+
+ICD_VERSION = "1.0"
+
+TIME_SYNC = FrameLayout(
+    name="TIME_SYNC",
+    frame_id=0x100,
+    length=32,
+    data_id=0x1A35,
+    data_id_bytes=bytes((0x35, 0x1A)),
+    sender="TIMING",
+    struct_format="<qqfbB7xBH",
+    field_names=(
+        "t_gps_ns",
+        "t_counter_ns",
+        "sigma_ns",
+        "leap_seconds",
+        "status",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "t_counter_ns",
+                "sigma_ns",
+                "leap_seconds",
+                "status",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<i8",
+                "<f4",
+                "i1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # t_counter_ns [ns]
+                16,  # sigma_ns [ns]
+                20,  # leap_seconds [s]
+                21,  # status [-]
+                29,  # counter [-]
+                30,  # crc [-]
+            ],
+            "itemsize": 32,
+        }
+    ),
+    counter_offset=29,
+    crc_offset=30,
+)
+
+GNSS_POSITION = FrameLayout(
+    name="GNSS_POSITION",
+    frame_id=0x110,
+    length=64,
+    data_id=0x2B53,
+    data_id_bytes=bytes((0x53, 0x2B)),
+    sender="GNSS",
+    struct_format="<qqdddfffBB7xBH",
+    field_names=(
+        "t_gps_ns",
+        "t_counter_ns",
+        "x_itrf_m",
+        "y_itrf_m",
+        "z_itrf_m",
+        "sigma_x_m",
+        "sigma_y_m",
+        "sigma_z_m",
+        "satellites",
+        "fix_type",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "t_counter_ns",
+                "x_itrf_m",
+                "y_itrf_m",
+                "z_itrf_m",
+                "sigma_x_m",
+                "sigma_y_m",
+                "sigma_z_m",
+                "satellites",
+                "fix_type",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # t_counter_ns [ns]
+                16,  # x_itrf_m [m]
+                24,  # y_itrf_m [m]
+                32,  # z_itrf_m [m]
+                40,  # sigma_x_m [m]
+                44,  # sigma_y_m [m]
+                48,  # sigma_z_m [m]
+                52,  # satellites [-]
+                53,  # fix_type [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+GNSS_VELOCITY = FrameLayout(
+    name="GNSS_VELOCITY",
+    frame_id=0x111,
+    length=64,
+    data_id=0x4C8D,
+    data_id_bytes=bytes((0x8D, 0x4C)),
+    sender="GNSS",
+    struct_format="<qdddfff17xBH",
+    field_names=(
+        "t_gps_ns",
+        "vx_itrf_mps",
+        "vy_itrf_mps",
+        "vz_itrf_mps",
+        "sigma_vx_mps",
+        "sigma_vy_mps",
+        "sigma_vz_mps",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "vx_itrf_mps",
+                "vy_itrf_mps",
+                "vz_itrf_mps",
+                "sigma_vx_mps",
+                "sigma_vy_mps",
+                "sigma_vz_mps",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # vx_itrf_mps [m/s]
+                16,  # vy_itrf_mps [m/s]
+                24,  # vz_itrf_mps [m/s]
+                32,  # sigma_vx_mps [m/s]
+                36,  # sigma_vy_mps [m/s]
+                40,  # sigma_vz_mps [m/s]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+NAV_STATE = FrameLayout(
+    name="NAV_STATE",
+    frame_id=0x200,
+    length=64,
+    data_id=0x65E2,
+    data_id_bytes=bytes((0xE2, 0x65)),
+    sender="FLIGHT",
+    struct_format="<qddddddBBB2xBH",
+    field_names=(
+        "t_gps_ns",
+        "x_gcrf_m",
+        "y_gcrf_m",
+        "z_gcrf_m",
+        "vx_gcrf_mps",
+        "vy_gcrf_mps",
+        "vz_gcrf_mps",
+        "mode",
+        "validity",
+        "flag_state",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "x_gcrf_m",
+                "y_gcrf_m",
+                "z_gcrf_m",
+                "vx_gcrf_mps",
+                "vy_gcrf_mps",
+                "vz_gcrf_mps",
+                "mode",
+                "validity",
+                "flag_state",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # x_gcrf_m [m]
+                16,  # y_gcrf_m [m]
+                24,  # z_gcrf_m [m]
+                32,  # vx_gcrf_mps [m/s]
+                40,  # vy_gcrf_mps [m/s]
+                48,  # vz_gcrf_mps [m/s]
+                56,  # mode [-]
+                57,  # validity [-]
+                58,  # flag_state [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+INTEGRITY = FrameLayout(
+    name="INTEGRITY",
+    frame_id=0x201,
+    length=64,
+    data_id=0x7F19,
+    data_id_bytes=bytes((0x19, 0x7F)),
+    sender="FLIGHT",
+    struct_format="<qdddffffBBBBHBBIBBH",
+    field_names=(
+        "t_gps_ns",
+        "bound_m",
+        "limit_m",
+        "bound_3d_m",
+        "fix_age_s",
+        "outage_age_s",
+        "flag_age_s",
+        "nis",
+        "mode",
+        "flag_state",
+        "verdict",
+        "driver",
+        "accepted_streak",
+        "stored_da_coverage_pct",
+        "da_source",
+        "alerts",
+        "certificate",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "bound_m",
+                "limit_m",
+                "bound_3d_m",
+                "fix_age_s",
+                "outage_age_s",
+                "flag_age_s",
+                "nis",
+                "mode",
+                "flag_state",
+                "verdict",
+                "driver",
+                "accepted_streak",
+                "stored_da_coverage_pct",
+                "da_source",
+                "alerts",
+                "certificate",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+                "u1",
+                "u1",
+                "<u4",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # bound_m [m]
+                16,  # limit_m [m]
+                24,  # bound_3d_m [m]
+                32,  # fix_age_s [s]
+                36,  # outage_age_s [s]
+                40,  # flag_age_s [s]
+                44,  # nis [-]
+                48,  # mode [-]
+                49,  # flag_state [-]
+                50,  # verdict [-]
+                51,  # driver [-]
+                52,  # accepted_streak [-]
+                54,  # stored_da_coverage_pct [%]
+                55,  # da_source [-]
+                56,  # alerts [-]
+                60,  # certificate [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+FLIGHT_HEARTBEAT = FrameLayout(
+    name="FLIGHT_HEARTBEAT",
+    frame_id=0x202,
+    length=32,
+    data_id=0x918E,
+    data_id_bytes=bytes((0x8E, 0x91)),
+    sender="FLIGHT",
+    struct_format="<QqIIB4xBH",
+    field_names=(
+        "tick",
+        "t_counter_ns",
+        "slips",
+        "rejected",
+        "mode",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "tick",
+                "t_counter_ns",
+                "slips",
+                "rejected",
+                "mode",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<u8",
+                "<i8",
+                "<u4",
+                "<u4",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # tick [-]
+                8,  # t_counter_ns [ns]
+                16,  # slips [-]
+                20,  # rejected [-]
+                24,  # mode [-]
+                29,  # counter [-]
+                30,  # crc [-]
+            ],
+            "itemsize": 32,
+        }
+    ),
+    counter_offset=29,
+    crc_offset=30,
+)
+
+LAYOUTS: dict[int, FrameLayout] = {
+    TIME_SYNC.frame_id: TIME_SYNC,
+    GNSS_POSITION.frame_id: GNSS_POSITION,
+    GNSS_VELOCITY.frame_id: GNSS_VELOCITY,
+    NAV_STATE.frame_id: NAV_STATE,
+    INTEGRITY.frame_id: INTEGRITY,
+    FLIGHT_HEARTBEAT.frame_id: FLIGHT_HEARTBEAT,
+}
