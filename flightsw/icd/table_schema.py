@@ -148,8 +148,9 @@ NAVIGATION = Schema(
             1.0,
             100.0,
             6.0,
-            "two fixes agree within so many sigmas of their difference",
+            "two fixes agree within so many sigmas",
         ),
+        _real("agreement_gap_max_s", "s", 0.1, 60.0, 5.0, "fixes further apart start the agreement anew"),
         # -- stored dA
         _whole("stored_da_use", "0 no, 1 yes", 0, 1, 1, "fly the stored dA in an outage"),
         _whole(
@@ -165,8 +166,18 @@ NAVIGATION = Schema(
             "latch_tolerance_s", "s", 1e-9, 1.0, 2e-5, "disagreement of a time stamp with the onboard clock"
         ),
         _real("drift_max_sps", "s/s", 0.0, 1e-3, 5e-6, "largest oscillator drift the tolerance allows for"),
-        _real("clock_offset_gain", "1", 1e-6, 1.0, 0.2, "alpha of the onboard clock's alpha-beta filter"),
-        _real("clock_drift_gain", "1", 0.0, 1.0, 0.005, "beta of the onboard clock's alpha-beta filter"),
+        _real(
+            "pulse_sigma_floor_s", "s", 1e-10, 1e-3, 1e-7, "a time pulse is never taken as better than this"
+        ),
+        _real("clock_q_phase_s2ps", "s2/s", 0.0, 1e-6, 1e-20, "white frequency noise of the oscillator"),
+        _real(
+            "clock_q_drift_ps",
+            "1/s",
+            0.0,
+            1e-6,
+            1e-22,
+            "random walk of its frequency (variance of drift per s)",
+        ),
         _whole("clock_start_pulses", "count", 2, 100, 3, "consistent time pulses before time is valid"),
         _whole(
             "clock_restart_pulses",
