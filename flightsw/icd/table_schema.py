@@ -28,6 +28,7 @@ class Field(NamedTuple):
     maximum: float
     default: float | None
     why: str
+    group: str = ""  # section of the set file that holds it; not part of the hash
 
 
 class Schema(NamedTuple):
@@ -61,151 +62,223 @@ def _whole(name: str, unit: str, low: int, high: int, default: int | None, why: 
     return Field(name, "i8", (), unit, low, high, default, why)
 
 
+def _group(name: str, *fields: Field) -> tuple[Field, ...]:
+    return tuple(field._replace(group=name) for field in fields)
+
+
 NAVIGATION = Schema(
     "navigation",
     1,
     (
-        # -- the loop
-        _whole(
-            "tick_period_ns", "ns", 1_000_000, 1_000_000_000, 100_000_000, "period of the fixed-step loop"
+        *_group(
+            "loop",
+            _whole(
+                "tick_period_ns", "ns", 1_000_000, 1_000_000_000, 100_000_000, "period of the fixed-step loop"
+            ),
+            _whole(
+                "nav_step_ns", "ns", 10_000_000, 60_000_000_000, 1_000_000_000, "tau, step of the filter grid"
+            ),
         ),
-        _whole(
-            "nav_step_ns", "ns", 10_000_000, 60_000_000_000, 1_000_000_000, "tau, step of the filter grid"
+        *_group(
+            "dynamics",  # equation (2) and its discretisation (3)
+            _real(
+                "mu_m3ps2", "m3/s2", 3.9e14, 4.1e14, 3.9860044e14, "gravitational parameter; paper's value"
+            ),
+            _whole("gravity_model", "0 central, 1 J2", 0, 1, 0, "onboard force model"),
+            _real("j2", "1", 0.0, 2e-3, 1.0826261738522e-3, "second zonal coefficient (EGM2008, tide free)"),
+            _real(
+                "equatorial_radius_m", "m", 6.37e6, 6.39e6, 6378136.3, "reference radius that belongs to j2"
+            ),
+            _whole(
+                "integrator",
+                "0 Euler, 1 RK4",
+                0,
+                1,
+                0,
+                "the paper's explicit Euler, or classical Runge-Kutta",
+            ),
+            _real(
+                "earth_rotation_radps",
+                "rad/s",
+                7.2e-5,
+                7.3e-5,
+                7.292115146706979e-5,
+                "IERS nominal rate of the ERA",
+            ),
         ),
-        # -- dynamics, equation (2) and its discretisation (3)
-        _real("mu_m3ps2", "m3/s2", 3.9e14, 4.1e14, 3.9860044e14, "gravitational parameter; paper's value"),
-        _whole("gravity_model", "0 central, 1 J2", 0, 1, 0, "onboard force model"),
-        _real("j2", "1", 0.0, 2e-3, 1.0826261738522e-3, "second zonal coefficient (EGM2008, tide free)"),
-        _real("equatorial_radius_m", "m", 6.37e6, 6.39e6, 6378136.3, "reference radius that belongs to j2"),
-        _whole(
-            "integrator", "0 Euler, 1 RK4", 0, 1, 0, "the paper's explicit Euler, or classical Runge-Kutta"
+        *_group(
+            "filter",  # equations (5)-(10)
+            _real("q_r_m2", "m2 per step", 0.0, 1e12, None, "process noise on position, integrated mode"),
+            _real(
+                "q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, None, "process noise on velocity, integrated mode"
+            ),
+            _real("q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, None, "process noise on dA, integrated mode"),
+            _real("sigma_r_floor_m", "m", 1e-3, 1e6, None, "a fix is never taken as better than this"),
+            _real("sigma_v_floor_mps", "m/s", 1e-5, 1e4, None, "a fix is never taken as better than this"),
+            _real(
+                "da_max_mps2",
+                "m/s2",
+                1e-9,
+                1.0,
+                0.02,
+                "largest |dA| component expected; start sigma is a third",
+            ),
+            _real("gate_nis", "1", 1.0, 1e9, 60.0, "largest NIS (6 dof) of an accepted fix"),
+            _real(
+                "correlation_excess",
+                "1",
+                0.0,
+                1e-2,
+                1e-6,
+                "a squared correlation beyond 1 by more is divergence",
+            ),
         ),
-        _real(
-            "earth_rotation_radps",
-            "rad/s",
-            7.2e-5,
-            7.3e-5,
-            7.292115146706979e-5,
-            "IERS nominal rate of the ERA",
+        *_group(
+            "autonomous",  # equation (17): rows chosen by the sigma of the fixes
+            _whole("autonomous_rows", "count", 1, MAX_AUTONOMOUS_ROWS, None, "rows in use"),
+            _real(
+                "autonomous_sigma_fix_m",
+                "m",
+                0.0,
+                1e6,
+                0.0,
+                "a row serves fixes up to this sigma",
+                MAX_AUTONOMOUS_ROWS,
+            ),
+            _real("autonomous_q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "q_R of (17)", MAX_AUTONOMOUS_ROWS),
+            _real(
+                "autonomous_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)", MAX_AUTONOMOUS_ROWS
+            ),
+            _real(
+                "autonomous_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)", MAX_AUTONOMOUS_ROWS
+            ),
+            _real("autonomous_s_r_m", "m", 1e-3, 1e12, 1e12, "s_R of (17)", MAX_AUTONOMOUS_ROWS),
+            _real("autonomous_s_v_mps", "m/s", 1e-5, 1e12, 1e12, "s_V of (17)", MAX_AUTONOMOUS_ROWS),
         ),
-        # -- filter, equations (5)-(10)
-        _real("q_r_m2", "m2 per step", 0.0, 1e12, None, "process noise on position, integrated mode"),
-        _real("q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, None, "process noise on velocity, integrated mode"),
-        _real("q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, None, "process noise on dA, integrated mode"),
-        _real("sigma_r_floor_m", "m", 1e-3, 1e6, None, "a fix is never taken as better than this"),
-        _real("sigma_v_floor_mps", "m/s", 1e-5, 1e4, None, "a fix is never taken as better than this"),
-        _real(
-            "da_max_mps2", "m/s2", 1e-9, 1.0, 0.02, "largest |dA| component expected; start sigma is a third"
+        *_group(
+            "bound",  # equations (12) and (14)
+            _real("k_axis", "1", 1.0, 10.0, 3.0, "factor of the per-axis bound; the paper's 3"),
+            _real("k_radius", "1", 1.0, 20.0, 3.73, "factor of the 3-D bound; 0.997 when isotropic"),
+            _whole("flag_driver", "0 axis, 1 3-D", 0, 1, 0, "which bound is compared with the limit"),
+            _real("limit_m", "m", 0.1, 1e6, 2000.0, "epsilon, the permitted error"),
+            _whole("flag_persist", "epochs", 1, 60, 1, "consecutive epochs above the limit before the flag"),
+            _real("clear_limit_m", "m", 0.1, 1e6, 1000.0, "the flag clears only at or below; default eps/2"),
+            _whole("clear_fixes", "count", 1, 10000, 30, "consecutive accepted fixes before the flag clears"),
+            _real("clear_nis_low", "1", 0.0, 1e6, 0.0, "mean NIS per degree of freedom, lower end to clear"),
+            _real("clear_nis_high", "1", 0.0, 1e6, 3.0, "mean NIS per degree of freedom, upper end to clear"),
+            _real("overdue_s", "s", 0.0, 3600.0, 1.5, "fix age beyond which the bound follows (17)"),
         ),
-        _real("gate_nis", "1", 1.0, 1e9, 60.0, "largest NIS (6 dof) of an accepted fix"),
-        _real(
-            "symmetry_floor", "1", 0.0, 1e-3, 1e-12, "diagonal may not fall below this share of its largest"
+        *_group(
+            "modes",
+            _real(
+                "autonomous_after_s", "s", 0.1, 3600.0, 3.0, "fix age at which the mode becomes AUTONOMOUS"
+            ),
+            _whole(
+                "integrated_after_fixes",
+                "count",
+                1,
+                1000,
+                3,
+                "accepted fixes before AUTONOMOUS becomes INTEGRATED",
+            ),
+            _whole(
+                "init_fixes", "count", 1, 100, 3, "consistent fixes before INIT ends (1: the paper's start)"
+            ),
+            _whole(
+                "reinit_fixes", "count", 3, 1000, 10, "rejected fixes that agree before a new start from them"
+            ),
+            _real(
+                "agreement_sigmas",
+                "1",
+                1.0,
+                100.0,
+                6.0,
+                "two fixes agree within so many sigmas",
+            ),
+            _real("agreement_gap_max_s", "s", 0.1, 60.0, 5.0, "fixes further apart start the agreement anew"),
         ),
-        # -- autonomous covariance, equation (17): rows chosen by the sigma the fixes were taken with
-        _whole("autonomous_rows", "count", 1, MAX_AUTONOMOUS_ROWS, None, "rows in use"),
-        _real(
-            "autonomous_sigma_fix_m",
-            "m",
-            0.0,
-            1e6,
-            0.0,
-            "a row serves fixes up to this sigma",
-            MAX_AUTONOMOUS_ROWS,
+        *_group(
+            "stored_da",
+            _whole("stored_da_use", "0 no, 1 yes", 0, 1, 1, "fly the stored dA in an outage"),
+            _whole(
+                "stored_da_bins",
+                "count",
+                8,
+                MAX_STORED_ACCELERATION_BINS,
+                720,
+                "bins of argument of latitude",
+            ),
+            _whole("stored_da_min_samples", "count", 1, 1000, 1, "samples before a bin counts as covered"),
+            _whole("stored_da_after_fixes", "count", 1, 100000, 120, "accepted fixes before dA is stored"),
+            _real("stored_da_max_age_s", "s", 1.0, 1e7, 86400.0, "an older bin counts as missing"),
         ),
-        _real("autonomous_q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "q_R of (17)", MAX_AUTONOMOUS_ROWS),
-        _real("autonomous_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)", MAX_AUTONOMOUS_ROWS),
-        _real("autonomous_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)", MAX_AUTONOMOUS_ROWS),
-        _real("autonomous_s_r_m", "m", 1e-3, 1e12, 1e12, "s_R of (17)", MAX_AUTONOMOUS_ROWS),
-        _real("autonomous_s_v_mps", "m/s", 1e-5, 1e12, 1e12, "s_V of (17)", MAX_AUTONOMOUS_ROWS),
-        # -- bound and flag, equations (12) and (14)
-        _real("k_axis", "1", 1.0, 10.0, 3.0, "factor of the per-axis bound; the paper's 3"),
-        _real("k_radius", "1", 1.0, 20.0, 3.73, "factor of the 3-D bound; 0.997 when isotropic"),
-        _whole("flag_driver", "0 axis, 1 3-D", 0, 1, 0, "which bound is compared with the limit"),
-        _real("limit_m", "m", 0.1, 1e6, 2000.0, "epsilon, the permitted error"),
-        _whole("flag_persist", "epochs", 1, 60, 1, "consecutive epochs above the limit before the flag"),
-        _real("clear_limit_m", "m", 0.1, 1e6, 1000.0, "the flag clears only at or below; default eps/2"),
-        _whole("clear_fixes", "count", 1, 10000, 30, "consecutive accepted fixes before the flag clears"),
-        _real("clear_nis_low", "1", 0.0, 1e6, 0.0, "mean NIS per degree of freedom, lower end to clear"),
-        _real("clear_nis_high", "1", 0.0, 1e6, 3.0, "mean NIS per degree of freedom, upper end to clear"),
-        _real("overdue_s", "s", 0.0, 3600.0, 1.5, "fix age beyond which the bound follows (17)"),
-        # -- modes
-        _real("autonomous_after_s", "s", 0.1, 3600.0, 3.0, "fix age at which the mode becomes AUTONOMOUS"),
-        _whole(
-            "integrated_after_fixes",
-            "count",
-            1,
-            1000,
-            3,
-            "accepted fixes before AUTONOMOUS becomes INTEGRATED",
+        *_group(
+            "time",
+            _real("latency_max_s", "s", 0.0, 10.0, 1.0, "an older fix is stale"),
+            _real("future_max_s", "s", 0.0, 1.0, 1e-3, "a fix may not be later than now by more"),
+            _real(
+                "latch_tolerance_s",
+                "s",
+                1e-9,
+                1.0,
+                2e-5,
+                "disagreement of a time stamp with the onboard clock",
+            ),
+            _real(
+                "drift_max_sps", "s/s", 0.0, 1e-3, 5e-6, "largest oscillator drift the tolerance allows for"
+            ),
+            _real(
+                "pulse_sigma_floor_s",
+                "s",
+                1e-10,
+                1e-3,
+                1e-7,
+                "a time pulse is never taken as better than this",
+            ),
+            _real("clock_q_phase_s2ps", "s2/s", 0.0, 1e-6, 1e-20, "white frequency noise of the oscillator"),
+            _real(
+                "clock_q_drift_ps",
+                "1/s",
+                0.0,
+                1e-6,
+                1e-22,
+                "random walk of its frequency (variance of drift per s)",
+            ),
+            _whole("clock_start_pulses", "count", 2, 100, 3, "consistent time pulses before time is valid"),
+            _whole(
+                "clock_restart_pulses",
+                "count",
+                0,
+                1000000,
+                300,
+                "agreeing rejected pulses that restart time; 0 never",
+            ),
         ),
-        _whole("init_fixes", "count", 1, 100, 3, "consistent fixes before INIT ends (1: the paper's start)"),
-        _whole(
-            "reinit_fixes", "count", 3, 1000, 10, "rejected fixes that agree before a new start from them"
+        *_group(
+            "fix",  # content of a fix
+            _real("radius_min_m", "m", 6.4e6, 1e8, 6.5e6, "smaller is not in orbit"),
+            _real("radius_max_m", "m", 6.4e6, 1e8, 9.0e6, "larger is not in this orbit"),
+            _real("speed_max_mps", "m/s", 1e3, 2e4, 9.0e3, "Earth-fixed speed beyond this is absurd"),
+            _real("sigma_r_max_m", "m", 1e-3, 1e6, 1000.0, "a fix that claims to be worse is not used"),
+            _real("sigma_v_max_mps", "m/s", 1e-5, 1e4, 100.0, "a fix that claims to be worse is not used"),
+            _whole("satellites_min", "count", 1, 64, 4, "satellites in a usable fix"),
         ),
-        _real(
-            "agreement_sigmas",
-            "1",
-            1.0,
-            100.0,
-            6.0,
-            "two fixes agree within so many sigmas",
+        *_group(
+            "telemetry",  # in ticks (0: never)
+            _whole(
+                "rate_nav_state_ticks",
+                "ticks",
+                0,
+                100000,
+                5,
+                "NAV_STATE and INTEGRITY on the link every so many ticks",
+            ),
+            _whole(
+                "rate_status_ticks", "ticks", 0, 100000, 10, "HEARTBEAT, SYS_STATUS, time, fix, innovation"
+            ),
+            _whole("rate_counters_ticks", "ticks", 0, 100000, 50, "counters"),
+            _whole("rate_table_status_ticks", "ticks", 0, 100000, 600, "table identity"),
         ),
-        _real("agreement_gap_max_s", "s", 0.1, 60.0, 5.0, "fixes further apart start the agreement anew"),
-        # -- stored dA
-        _whole("stored_da_use", "0 no, 1 yes", 0, 1, 1, "fly the stored dA in an outage"),
-        _whole(
-            "stored_da_bins", "count", 8, MAX_STORED_ACCELERATION_BINS, 720, "bins of argument of latitude"
-        ),
-        _whole("stored_da_min_samples", "count", 1, 1000, 1, "samples before a bin counts as covered"),
-        _whole("stored_da_after_fixes", "count", 1, 100000, 120, "accepted fixes before dA is stored"),
-        _real("stored_da_max_age_s", "s", 1.0, 1e7, 86400.0, "an older bin counts as missing"),
-        # -- time
-        _real("latency_max_s", "s", 0.0, 10.0, 1.0, "an older fix is stale"),
-        _real("future_max_s", "s", 0.0, 1.0, 1e-3, "a fix may not be later than now by more"),
-        _real(
-            "latch_tolerance_s", "s", 1e-9, 1.0, 2e-5, "disagreement of a time stamp with the onboard clock"
-        ),
-        _real("drift_max_sps", "s/s", 0.0, 1e-3, 5e-6, "largest oscillator drift the tolerance allows for"),
-        _real(
-            "pulse_sigma_floor_s", "s", 1e-10, 1e-3, 1e-7, "a time pulse is never taken as better than this"
-        ),
-        _real("clock_q_phase_s2ps", "s2/s", 0.0, 1e-6, 1e-20, "white frequency noise of the oscillator"),
-        _real(
-            "clock_q_drift_ps",
-            "1/s",
-            0.0,
-            1e-6,
-            1e-22,
-            "random walk of its frequency (variance of drift per s)",
-        ),
-        _whole("clock_start_pulses", "count", 2, 100, 3, "consistent time pulses before time is valid"),
-        _whole(
-            "clock_restart_pulses",
-            "count",
-            0,
-            1000000,
-            300,
-            "agreeing rejected pulses that restart time; 0 never",
-        ),
-        # -- content of a fix
-        _real("radius_min_m", "m", 6.4e6, 1e8, 6.5e6, "smaller is not in orbit"),
-        _real("radius_max_m", "m", 6.4e6, 1e8, 9.0e6, "larger is not in this orbit"),
-        _real("speed_max_mps", "m/s", 1e3, 2e4, 9.0e3, "Earth-fixed speed beyond this is absurd"),
-        _real("sigma_r_max_m", "m", 1e-3, 1e6, 1000.0, "a fix that claims to be worse is not used"),
-        _real("sigma_v_max_mps", "m/s", 1e-5, 1e4, 100.0, "a fix that claims to be worse is not used"),
-        _whole("satellites_min", "count", 1, 64, 4, "satellites in a usable fix"),
-        # -- telemetry, in ticks (0: never)
-        _whole(
-            "rate_nav_state_ticks",
-            "ticks",
-            0,
-            100000,
-            5,
-            "NAV_STATE and INTEGRITY on the link every so many ticks",
-        ),
-        _whole("rate_status_ticks", "ticks", 0, 100000, 10, "HEARTBEAT, SYS_STATUS, time, fix, innovation"),
-        _whole("rate_counters_ticks", "ticks", 0, 100000, 50, "counters"),
-        _whole("rate_table_status_ticks", "ticks", 0, 100000, 600, "table identity"),
     ),
 )
 
