@@ -1,0 +1,20 @@
+"""Bounds on the position error from a covariance: per axis (12), and in three dimensions."""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.kernels.linalg import largest_eigenvalue_3x3
+from flightsw.kernels.registry import kernel
+
+
+@kernel
+def axis_bound_m(table, p):
+    """s = k max_i sqrt(P_ii), i = x, y, z in GCRF; equation (12). NaN where a variance is negative."""
+    return table.k_axis * math.sqrt(max(p[0, 0], max(p[1, 1], p[2, 2])))
+
+
+@kernel
+def radius_bound_m(table, p):
+    """r = k3 sqrt(lambda_max(P_rr)): a sphere, whatever the axes."""
+    return table.k_radius * math.sqrt(largest_eigenvalue_3x3(p))

@@ -1,0 +1,116 @@
+"""The navigation step: the one compiled function that decides state, covariance, mode, bound and flag.
+
+Flight calls it every tick, with whatever the bus has brought; a Monte Carlo arc is a compiled `for` around it.
+The filter lives on a grid of epochs, `nav_step` apart and anchored at the last accepted fix. What is published is
+that state propagated to the stamp. A bound belongs to an interval of the grid and is the larger of its two ends,
+so it does not depend on how often, or when within the interval, it is asked for.
+"""
+
+from __future__ import annotations
+
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.enums import RejectCause
+from flightsw.integrity import failure_flag
+from flightsw.kernels.registry import entry, frozen_records, kernel, records
+from flightsw.modes import next_mode
+from flightsw.nav import chain, clock, fix, fix_checks
+from flightsw.nav.publish import publish
+from flightsw.records import INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+
+_CLOCK_UNSET = int(RejectCause.CLOCK_UNSET)
+_TIME_JUMP = int(RejectCause.TIME_JUMP)
+_SYNC_JUMP = int(RejectCause.SYNC_JUMP)
+_TIME_JUMP_REJECTED = 1 << int(AlertId.TIME_JUMP_REJECTED)
+_CLOCK_REINITIALISED = 1 << int(AlertId.CLOCK_REINITIALISED)
+# Steps of the grid that one call may take: bounds the work of a tick after a stall. The rest follows in later ticks.
+_CATCH_UP = 256
+
+
+@kernel
+def _keep_time(nav, table, inp, out):
+    outcome = clock.take_pulse(
+        nav,
+        table,
+        inp.pulse_status,
+        inp.pulse_gps_ns,
+        inp.pulse_counter_ns,
+        inp.pulse_sigma_ns,
+        inp.counter_now_ns,
+    )
+    if outcome == clock.RESTARTED:
+        # Every time stamp held so far belongs to the old time.
+        out.events |= _CLOCK_REINITIALISED
+        nav.initialised = 0
+        nav.t_seen_gps_ns = 0
+        nav.t_evaluated_gps_ns = 0
+        nav.candidate_count = 0
+        nav.flag = failure_flag.RAISED
+    elif outcome >= 0:
+        nav.rejected[outcome] += 1
+        if outcome == _SYNC_JUMP:
+            out.events |= _TIME_JUMP_REJECTED
+
+
+@kernel
+def _take_fix(nav, table, eop, inp, work, out):
+    if not nav.clock_valid:
+        cause = _CLOCK_UNSET
+    else:
+        cause = fix_checks.check_time(nav, table, inp)
+        if cause == _TIME_JUMP:
+            out.events |= _TIME_JUMP_REJECTED
+        if cause == fix_checks.PASSED:
+            cause = fix_checks.check_content(table, inp)
+        if cause == fix_checks.PASSED:
+            cause = fix.process(nav, table, eop, inp, work, out)
+    if cause >= 0:
+        nav.rejected[cause] += 1
+    out.fix_seen = 1
+    out.fix_gps_ns = inp.fix_gps_ns
+    out.fix_cause = cause
+    out.fix_used = 1 if cause < 0 else 0
+
+
+@entry(
+    records(NAV),
+    records(INPUT),
+    frozen_records(TABLE),
+    frozen_records(ORIENTATION),
+    records(WORK),
+    records(OUTPUT),
+)
+def step(nav_record, input_record, table_record, orientation_record, work_record, output_record):
+    """Advance navigation to the reading of the counter in the input. Arrays of one record each; see `records`.
+
+    A pulse and a fix may come with a call; call again with the same reading for more of them. Rejections are
+    counted by cause in NAV.rejected and change nothing else.
+    """
+    nav = nav_record[0]
+    inp = input_record[0]
+    table = table_record[0]
+    eop = orientation_record[0]
+    work = work_record[0]
+    out = output_record[0]
+    out.events = 0
+    out.fix_seen = 0
+    out.fix_used = 0
+    out.fix_cause = -1
+
+    if inp.pulse_present:
+        _keep_time(nav, table, inp, out)
+    if inp.fix_present:
+        _take_fix(nav, table, eop, inp, work, out)
+    t_now = clock.gps_at(nav, inp.counter_now_ns) if nav.clock_valid else 0
+
+    age_s = 0.0
+    if nav.initialised:
+        steps = 0
+        while nav.t_gps_ns + table.nav_step_ns <= t_now and steps < _CATCH_UP:
+            chain.advance(nav, table, eop, work)
+            steps += 1
+        age_s = (t_now - nav.t_fix_gps_ns) * 1e-9
+    coasting = age_s > table.autonomous_after_s
+    if coasting:
+        nav.streak = 0
+    nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
+    publish(nav, table, eop, t_now, work, out)

@@ -1,0 +1,193 @@
+"""Every record of flight: its fields, shapes, units. Allocated once by `memory`, then only refilled in place.
+
+All fields are eight bytes wide, so that records are aligned and compiled code reads them directly. Times are
+int64 nanoseconds: `t_*_gps_ns` since the GPS epoch, `*_counter_ns` on the onboard oscillator's counter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flightsw.icd.enums import REJECT_CAUSES
+from flightsw.icd.table_schema import EARTH_ORIENTATION, MAX_STORED_ACCELERATION_BINS, NAVIGATION, Schema
+
+STATES = 9
+MEASUREMENTS = 6
+HISTORY = 12  # grid epochs kept for late fixes: latency_max over nav_step must stay below
+
+# Slices of the filter state x.
+POSITION = slice(0, 3)  # m, GCRF
+VELOCITY = slice(3, 6)  # m/s, GCRF
+ACCELERATION = slice(6, 9)  # m/s2, GCRF: dA, what the onboard gravity model lacks
+
+
+def _aligned(schema: Schema) -> np.dtype:
+    return np.dtype([(f.name, "<" + f.kind, f.shape) for f in schema.fields], align=True)
+
+
+TABLE = _aligned(NAVIGATION)
+ORIENTATION = _aligned(EARTH_ORIENTATION)
+
+# What flight remembers from one navigation step to the next.
+NAV = np.dtype(
+    [
+        # onboard clock: GPS time = clock_gps_ns + (1 + clock_drift) * (counter - clock_counter_ns)
+        ("clock_valid", "i8"),
+        ("clock_gps_ns", "i8"),
+        ("clock_counter_ns", "i8"),
+        ("clock_phase_ns", "f8"),  # part of a nanosecond that clock_gps_ns cannot hold
+        ("clock_drift", "f8"),  # s/s
+        ("clock_p", "f8", (2, 2)),  # covariance of (phase [s], drift [s/s])
+        ("pulse_gps_ns", "i8"),  # last pulse of the chain that may start or restart the clock
+        ("pulse_counter_ns", "i8"),
+        ("pulse_first_gps_ns", "i8"),
+        ("pulse_first_counter_ns", "i8"),
+        ("pulse_chain", "i8"),
+        # filter: newest grid epoch
+        ("initialised", "i8"),
+        ("t_gps_ns", "i8"),
+        ("x", "f8", (STATES,)),
+        ("P", "f8", (STATES, STATES)),  # the filter's own, (7) to (10)
+        ("P_bound", "f8", (STATES, STATES)),  # the bound's, (17); equals P at an accepted fix
+        ("P_ahead", "f8", (STATES, STATES)),  # the two, one step ahead: a bound serves the whole interval
+        ("P_bound_ahead", "f8", (STATES, STATES)),
+        ("pole", "f8", (3,)),  # Earth's pole in GCRF
+        ("pole_known", "i8"),
+        ("fix_sigma_m", "f8"),  # position sigma the last accepted fix was taken with
+        ("row", "i8"),  # row of (17) in force
+        # epochs since the last accepted fix, a ring, for fixes that arrive late
+        ("history_first", "i8"),
+        ("history_count", "i8"),
+        ("history_t_gps_ns", "i8", (HISTORY,)),
+        ("history_x", "f8", (HISTORY, STATES)),
+        ("history_P", "f8", (HISTORY, STATES, STATES)),
+        # fixes
+        ("t_fix_gps_ns", "i8"),  # last accepted
+        ("t_seen_gps_ns", "i8"),  # last that passed the time checks
+        ("streak", "i8"),  # accepted without a rejection or an outage between
+        ("mean_nis", "f8"),  # per degree of freedom, over the last clear_fixes of the streak
+        ("candidate_count", "i8"),  # fixes in a row that agree with each other but not with the state
+        ("candidate_t_gps_ns", "i8"),
+        ("candidate_x", "f8", (STATES,)),
+        ("candidate_sigma_r_m", "f8"),
+        ("candidate_sigma_v_mps", "f8"),
+        # bound, flag, mode
+        ("t_evaluated_gps_ns", "i8"),
+        ("bound_own_m", "f8"),
+        ("bound_own_3d_m", "f8"),
+        ("bound_coast_m", "f8"),
+        ("bound_coast_3d_m", "f8"),
+        ("over_limit", "i8"),
+        ("flag", "i8"),
+        ("flag_age_s", "f8"),
+        ("mode", "i8"),
+        ("da_source", "i8"),
+        # dA along the orbit
+        ("da_bin", "i8"),
+        ("da_mean", "f8", (MAX_STORED_ACCELERATION_BINS, 3)),
+        ("da_samples", "i8", (MAX_STORED_ACCELERATION_BINS,)),
+        ("da_t_gps_ns", "i8", (MAX_STORED_ACCELERATION_BINS,)),
+        # counts since start
+        ("fixes_accepted", "i8"),
+        ("rejected", "i8", (REJECT_CAUSES,)),
+    ],
+    align=True,
+)
+
+# What one navigation step is told.
+INPUT = np.dtype(
+    [
+        ("counter_now_ns", "i8"),
+        ("pulse_present", "i8"),
+        ("pulse_status", "i8"),
+        ("pulse_gps_ns", "i8"),
+        ("pulse_counter_ns", "i8"),
+        ("pulse_sigma_ns", "f8"),
+        ("fix_present", "i8"),
+        ("fix_gps_ns", "i8"),
+        ("fix_counter_ns", "i8"),
+        ("fix_r_itrf_m", "f8", (3,)),
+        ("fix_v_itrf_mps", "f8", (3,)),
+        ("fix_sigma_r_m", "f8", (3,)),
+        ("fix_sigma_v_mps", "f8", (3,)),
+        ("fix_satellites", "i8"),
+        ("fix_type", "i8"),
+    ],
+    align=True,
+)
+
+# What one navigation step says; refilled by every step.
+OUTPUT = np.dtype(
+    [
+        ("t_gps_ns", "i8"),  # the stamp: the state below is propagated to it
+        ("r_gcrf_m", "f8", (3,)),
+        ("v_gcrf_mps", "f8", (3,)),
+        ("da_gcrf_mps2", "f8", (3,)),
+        ("bound_m", "f8"),
+        ("bound_3d_m", "f8"),
+        ("limit_m", "f8"),
+        ("fix_age_s", "f8"),
+        ("outage_age_s", "f8"),
+        ("flag_age_s", "f8"),
+        ("mode", "i8"),
+        ("flag", "i8"),
+        ("verdict", "i8"),
+        ("validity", "i8"),
+        ("driver", "i8"),
+        ("streak", "i8"),
+        ("mean_nis", "f8"),
+        ("da_source", "i8"),
+        ("da_coverage_pct", "i8"),
+        ("alerts", "i8"),  # bit i: condition of alert i holds now
+        ("events", "i8"),  # bit i: alert i happened in this step
+        # innovation of the fix of this step, if it had one
+        ("fix_seen", "i8"),
+        ("fix_used", "i8"),
+        ("fix_cause", "i8"),  # RejectCause, or -1
+        ("fix_gps_ns", "i8"),
+        ("innovation", "f8", (MEASUREMENTS,)),
+        ("innovation_sigma", "f8", (MEASUREMENTS,)),
+        ("nis", "f8"),
+        ("gate", "f8"),
+    ],
+    align=True,
+)
+
+# Scratch of the compiled code; its content means nothing between calls.
+WORK = np.dtype(
+    [
+        ("orientation", "f8", (6,)),
+        ("orientation_rate", "f8", (6,)),
+        ("cirs", "f8", (3, 3)),
+        ("cirs_rate", "f8", (3, 3)),
+        ("spin", "f8", (3, 3)),
+        ("spin_rate", "f8", (3, 3)),
+        ("wobble", "f8", (3, 3)),
+        ("product", "f8", (3, 3)),
+        ("product_rate", "f8", (3, 3)),
+        ("itrf_from_gcrf", "f8", (3, 3)),
+        ("itrf_from_gcrf_rate", "f8", (3, 3)),
+        ("stages", "f8", (6, 3)),
+        ("gradient", "f8", (3, 3)),
+        ("gradient_squared", "f8", (3, 3)),
+        ("phi", "f8", (STATES, STATES)),
+        ("square", "f8", (STATES, STATES)),
+        ("gain_form", "f8", (STATES, STATES)),
+        ("gain", "f8", (STATES, MEASUREMENTS)),
+        ("gain_noise", "f8", (STATES, MEASUREMENTS)),
+        ("innovation_p", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        ("lower", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        ("column", "f8", (MEASUREMENTS,)),
+        ("z", "f8", (MEASUREMENTS,)),
+        ("R", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        ("R_pseudo", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        ("x", "f8", (STATES,)),
+        ("P", "f8", (STATES, STATES)),
+        ("P_bound", "f8", (STATES, STATES)),
+        ("x_publish", "f8", (STATES,)),
+        ("x_candidate", "f8", (STATES,)),
+        ("node", "f8", (3,)),
+        ("momentum", "f8", (3,)),
+    ],
+    align=True,
+)

@@ -1,0 +1,1 @@
+"""Monte Carlo on the ground, around the step that flies."""

@@ -1,0 +1,26 @@
+"""An arc: the compiled `for` around the navigation step. What flies is what is tuned, to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flightsw.kernels.registry import entry, frozen_records, records
+from flightsw.memory import Memory
+from flightsw.nav.step import step
+from flightsw.records import INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+
+
+@entry(records(NAV), records(INPUT), frozen_records(TABLE), frozen_records(ORIENTATION), records(WORK), records(OUTPUT))
+def _fly(nav, inputs, table, orientation, work, outputs):
+    for index in range(inputs.shape[0]):
+        step(nav, inputs[index : index + 1], table, orientation, work, outputs[index : index + 1])
+
+
+def fly(memory: Memory, inputs: np.ndarray) -> np.ndarray:
+    """Fly a whole arc from the state in `memory`.
+
+    Args: inputs (n,) of `records.INPUT`, in order of time. Returns (n,) of `records.OUTPUT`, one for each.
+    """
+    outputs = np.zeros(len(inputs), OUTPUT)
+    _fly(memory.nav, inputs, memory.table, memory.orientation, memory.work, outputs)
+    return outputs
