@@ -149,7 +149,7 @@ def _decode_name(raw: bytes) -> str:
 
 
 def _check_validity(valid_from_gps_ns: int, valid_to_gps_ns: int) -> None:
-    if valid_from_gps_ns < 0 or valid_to_gps_ns < 0:
-        raise TableRefused("validity lies before the GPS epoch")
+    if not (0 <= valid_from_gps_ns < 2**63 and 0 <= valid_to_gps_ns < 2**63):
+        raise TableRefused("validity lies before the GPS epoch or beyond an int64 of nanoseconds")
     if valid_to_gps_ns and valid_to_gps_ns <= valid_from_gps_ns:
         raise TableRefused(f"validity ends ({valid_to_gps_ns}) before it begins ({valid_from_gps_ns})")

@@ -1,0 +1,88 @@
+"""`ground`: the people's side. Dispatches to one room; only the room that is called is imported.
+
+A room is one line in ROOMS and a module with two functions:
+
+    add_arguments(subparsers) -> None   adds its parser under its own name
+    run(args) -> int                    does the work, returns the exit status; imports heavy things inside
+
+A mistake of the operator is an OperatorError: one line on stderr, exit status 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from ground.errors import OperatorError, did_you_mean
+
+# name -> (module, line in --help)
+ROOMS: dict[str, tuple[str, str]] = {
+    "table": ("ground.tables.command", "build and show the binary tables that flight loads"),
+    "icd": ("ground.icdgen.command", "generate and export the interface"),
+}
+
+# what an ImportError of these means: the extra that brings them
+_EXTRAS = {
+    "cantools": "ground",
+    "erfa": "ground",
+    "astropy_iers_data": "ground",
+    "matplotlib": "ground",
+    "textual": "ground",
+    "textual_plotext": "ground",
+    "rich": "ground",
+    "satkit": "sim",
+    "distributed": "cluster",
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says a usage error on one line, without repeating the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message}; see {self.prog} --help\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one `ground` command; returns the exit status (2: mistake in what was asked)."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = _Parser(prog="ground", description="leonav ground segment: tables, interface, console, reports.")
+    subparsers = parser.add_subparsers(dest="room", metavar="COMMAND", required=True)
+    called = next((word for word in words if not word.startswith("-")), None)
+    if called is not None and called not in ROOMS:
+        print(
+            f'ground: error: unknown command "{called}"{did_you_mean(called, ROOMS)}; commands: {", ".join(ROOMS)}',
+            file=sys.stderr,
+        )
+        return 2
+    try:
+        room = None
+        for name, (module, line) in ROOMS.items():
+            if name == called:
+                room = importlib.import_module(module)
+                room.add_arguments(subparsers)
+            else:
+                subparsers.add_parser(name, help=line)
+        args = parser.parse_args(words)
+        return room.run(args) if room is not None else 2
+    except OperatorError as error:
+        print(f"ground: error: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        print(
+            f"ground: error: {called} needs {error.name}; install it: pip install 'leonav[{extra}]'",
+            file=sys.stderr,
+        )
+        return 2
+    except BrokenPipeError:  # `ground ... | head`
+        sys.stderr.close()
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

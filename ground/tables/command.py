@@ -1,0 +1,72 @@
+"""`ground table`: build, show and list binary tables."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from ground.errors import OperatorError
+
+
+def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `table` to the dispatcher."""
+    parser = subparsers.add_parser("table", description="Build and show the binary tables that flight loads.")
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+
+    build = actions.add_parser("build", help="make a binary navigation table from a set")
+    build.add_argument("set", metavar="SET", help="name of a shipped set, or a .toml file")
+    build.add_argument("--out", metavar="FILE", required=True, help="binary table to write")
+    build.add_argument(
+        "--set",
+        dest="settings",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="override a key of the set, for example limit_m=500 or autonomous.0.s_r_m=1e5; may be repeated",
+    )
+
+    show = actions.add_parser("show", help="print a binary table")
+    show.add_argument("file", metavar="FILE")
+
+    actions.add_parser("sets", help="list the sets that ship")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `ground table ...`; returns the exit status."""
+    if args.action == "build":
+        return _build(args.set, Path(args.out), args.settings)
+    if args.action == "show":
+        from ground.tables.show import read_table, render
+
+        print(render(read_table(args.file)))
+        return 0
+    from ground.tables.build import list_sets
+
+    for name, description in list_sets().items():
+        print(f"{name:<16} {description}")
+    return 0
+
+
+def _build(name: str, out: Path, settings: list[str]) -> int:
+    from flightsw.icd.table_file import decode
+    from ground.tables.build import build_navigation, parse_setting
+
+    image = build_navigation(name, dict(parse_setting(text) for text in settings))
+    write_whole(out, image)
+    table = decode(image)
+    print(f"{out}: {table.kind} table, set {table.set_name}, {len(image)} bytes, CRC-32 {table.crc32:08x}")
+    return 0
+
+
+def write_whole(path: Path, image: bytes) -> None:
+    """Write to a new file beside `path`, then rename: a reader sees the old table or the new, never half."""
+    fresh = path.with_name(path.name + ".new")
+    try:
+        with fresh.open("wb") as file:
+            file.write(image)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,21 @@
+"""GPS time in words: int64 nanoseconds since 1980-01-06T00:00:00 GPS, without leap seconds."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+NS_PER_S = 1_000_000_000
+NS_PER_DAY = 86_400 * NS_PER_S
+GPS_EPOCH_MJD = 44244
+
+# The calendar is used as a count of days only: the zone says nothing about leap seconds here.
+_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
+
+
+def format_gps(t_gps_ns: int) -> str:
+    """Calendar reading of the GPS clock, to the second: '2018-12-30 00:00:00 GPS'."""
+    try:
+        instant = _EPOCH + timedelta(seconds=t_gps_ns // NS_PER_S)
+    except OverflowError:
+        return f"{t_gps_ns} ns GPS"
+    return f"{instant:%Y-%m-%d %H:%M:%S} GPS"
