@@ -46,8 +46,7 @@ def coordinates(run: Run) -> Figure:
     figure, (axes,) = style.new_figure(
         1,
         "Inertial coordinates",
-        f"{run.scenario}: true position in GCRF; geocentric radius {radius_km.min():.0f} "
-        f"to {radius_km.max():.0f} km",
+        f"{run.scenario}: true position in GCRF; geocentric radius {radius_km.min():.0f} to {radius_km.max():.0f} km",
     )
     unit_s = style.time_axis(axes, run.t_s[0], run.t_s[-1], "time since start")
     _shade_outages(axes, run, unit_s)
@@ -139,8 +138,7 @@ def mixed_mode_error(run: Run) -> Figure:
     figure, axes = style.new_figure(
         3,
         "Error in mixed mode",
-        f"{run.scenario}: signed error of each GCRF axis over the whole run{scale}; "
-        f"largest {style.metres(largest)}",
+        f"{run.scenario}: signed error of each GCRF axis over the whole run{scale}; largest {style.metres(largest)}",
     )
     unit_s = style.time_axis(axes[-1], run.t_s[0], run.t_s[-1], "time since start")
     for i, panel in enumerate(axes):
@@ -165,9 +163,7 @@ def outage_error_and_bound(run: Run) -> Figure:
     """Figure 5: signed errors with +-bound and +-limit over each outage, flag and crossing marked."""
     shown = run.outages[:MAX_OUTAGE_PANELS]
     if not shown:
-        figure, (empty,) = style.new_figure(
-            1, "Outage: error and bound", f"{run.scenario}: no outage in this run"
-        )
+        figure, (empty,) = style.new_figure(1, "Outage: error and bound", f"{run.scenario}: no outage in this run")
         empty.set_axis_off()
         empty.text(0.5, 0.5, "no outage in this run", ha="center", va="center", color=style.GREY, fontsize=14)
         return figure
@@ -217,9 +213,7 @@ def _draw_outage(axes: Axes, run: Run, outage: Outage) -> None:
         )
     if np.isfinite(limit) and limit <= 1.1 * reach:
         for sign in (1.0, -1.0):
-            axes.axhline(
-                sign * limit, color=style.LIMIT, ls="--", lw=1.3, label="± limit" if sign > 0 else None
-            )
+            axes.axhline(sign * limit, color=style.LIMIT, ls="--", lw=1.3, label="± limit" if sign > 0 else None)
     elif np.isfinite(limit):
         axes.annotate(
             f"limit ± {style.metres(limit)} lies outside this scale",
@@ -249,9 +243,7 @@ def _outage_events(outage: Outage, unit_s: float) -> Iterator[style.Event]:
 
 def _outage_story(outage: Outage) -> str:
     parts = [f"outage of {outage.end_s - outage.start_s:.0f} s"]
-    parts.append(
-        "flag not raised" if outage.flag_s is None else f"flag at {outage.flag_s - outage.last_fix_s:.0f} s"
-    )
+    parts.append("flag not raised" if outage.flag_s is None else f"flag at {outage.flag_s - outage.last_fix_s:.0f} s")
     parts.append(
         "error stays within the limit"
         if outage.crossed_s is None

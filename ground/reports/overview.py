@@ -117,9 +117,7 @@ def _events(run: Run, unit_s: float) -> Iterator[style.Event]:
         yield style.Event(outage.start_s / unit_s, "GNSS lost", style.INK)
         if outage.flag_s is not None:
             bound_m = float(run.bound_m[np.searchsorted(run.t_s, outage.flag_s)])
-            yield style.Event(
-                outage.flag_s / unit_s, f"FLAG RAISED, bound {style.metres(bound_m)}", style.FLAG
-            )
+            yield style.Event(outage.flag_s / unit_s, f"FLAG RAISED, bound {style.metres(bound_m)}", style.FLAG)
         if outage.crossed_s is not None:
             yield style.Event(outage.crossed_s / unit_s, "error passes the limit", style.LIMIT)
         if outage.end_s < run.t_s[-1]:

@@ -116,9 +116,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FileNotFoundError:
-        raise NotARun(
-            f"{path.parent}: not a run: no {path.name} in it; make one with `hil_sim run`"
-        ) from None
+        raise NotARun(f"{path.parent}: not a run: no {path.name} in it; make one with `hil_sim run`") from None
     except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise NotARun(f"{path}: unreadable ({error}); run the scenario again") from None
 

@@ -92,9 +92,7 @@ def legend_above(axes: Axes, columns: int = 6) -> None:
     """Legend in the margin above the panel, where it covers no data."""
     if not axes.get_legend_handles_labels()[0]:
         return
-    axes.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, columnspacing=1.4, handlelength=1.8
-    )
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, columnspacing=1.4, handlelength=1.8)
 
 
 def time_axis(axes: Axes, start_s: float, stop_s: float, label: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import struct
 import time
@@ -16,7 +17,7 @@ from flightsw.icd.enums import FlagState, Mode, Validity, Verdict
 
 pytest.importorskip("matplotlib")
 
-from ground.reports import style
+from ground.reports import command, style
 from ground.reports.figures import make_figures
 from ground.reports.run_folder import NotARun, load_run
 
@@ -78,15 +79,14 @@ def write_run(folder: Path, *, outage: bool = True, estimate: bool = True, tick_
         fix_error_m=rng.normal(0.0, 1.0, (5000, 3)),
         da_t_gps_ns=t_ns[::10],
         da_true_mps2=da[::10],
-        outages=START_NS
-        + np.array([[start_s, end_s]] if outage else [], dtype=np.int64).reshape(-1, 2) * 10**9,
+        outages=START_NS + np.array([[start_s, end_s]] if outage else [], dtype=np.int64).reshape(-1, 2) * 10**9,
     )
     # The monitor hears flight only after start-up: its first ticks are missing.
     np.savez(folder / "monitor.npz", tick=np.arange(t_s.size)[3:], nav=nav[3:], integrity=integrity[3:])
     if estimate:
         noisy = da + rng.normal(0.0, 5e-4, da.shape)
         np.savez(folder / "estimate.npz", t_gps_ns=t_ns, da_mps2=noisy)
-    (folder / "summary.json").write_text(json.dumps({"scenario": "synthetic", "outages": []}))
+    (folder / "summary.json").write_text(json.dumps({"scenario": "synthetic", "integrated": {}, "outages": []}))
     return folder
 
 
@@ -188,6 +188,30 @@ def test_buckets_give_the_rms_of_noise() -> None:
 )
 def test_metres_are_written_as_people_say_them(value: float, text: str) -> None:
     assert style.metres(value) == text
+
+
+def report(run_dir: Path) -> int:
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return command.run(parser.parse_args([str(run_dir)]))
+
+
+def test_report_makes_figures_again_and_prints_the_verdict(tmp_path: Path, capsys: Any) -> None:
+    run_dir = write_run(tmp_path)
+
+    assert report(run_dir) == 0
+    assert "VERDICT: NO OUTAGE" in capsys.readouterr().out
+    assert sorted(path.name for path in (run_dir / "figures").iterdir()) == NAMES
+
+
+def test_report_refuses_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(NotARun, match="no such folder"):
+        report(tmp_path / "absent")
+    with pytest.raises(NotARun, match=r"not a run: no summary\.json"):
+        report(tmp_path)
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(NotARun, match="no scenario, integrated, outages"):
+        report(tmp_path)
 
 
 if __name__ == "__main__":  # python tests/unit/test_reports_figures.py DIR: look at the pictures
