@@ -1,0 +1,268 @@
+"""What a scenario may say: every section, key, unit, range and default.
+
+The unit stands in the key's name. Ranges are physical, so narrow that a value in the wrong unit (km for
+m, minutes for s) falls outside. `scenario.py` loads, overrides and explains; here is only what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from hil_sim.fault_kinds import CAN_FD_LENGTHS, KINDS, TARGETS
+
+EARTH_RADIUS_M = 6_378_137.0
+MINIMUM_ALTITUDE_M = 150e3
+
+
+def _range(low: float, high: float, why: str) -> Meta:
+    return Meta(ge=low, le=high, description=why)
+
+
+Moment = Annotated[str, Meta(description="calendar date and time, e.g. 2019-01-01T00:00:00")]
+StartAge = Annotated[float, _range(0.0, 1e7, "seconds after the scenario's start")]
+Probability = Annotated[float, _range(0.0, 1.0, "probability, 0 to 1")]
+
+
+class Section(Struct, forbid_unknown_fields=True, frozen=True):
+    """Base of every table of a scenario."""
+
+
+class Time(Section, kw_only=True, frozen=True):
+    start: Moment
+    scale: Annotated[str, Meta(pattern="^(gps|utc|tai)$", description="gps, utc or tai")] = "gps"
+    duration_s: Annotated[float, _range(10.0, 2e6, "simulated time in seconds")]
+
+
+class Orbit(Section, frozen=True):
+    """Where the truth comes from: osculating elements in GCRF at the start, or a file of a real orbit."""
+
+    source: Annotated[str, Meta(pattern="^(propagated|sp3|georb)$", description="propagated, sp3 or georb")] = (
+        "propagated"
+    )
+    period_s: Annotated[float, _range(5200.0, 7700.0, "the Keplerian period in seconds")] | None = None
+    semi_major_axis_m: Annotated[float, _range(6.5e6, 8.5e6, "semi-major axis in metres")] | None = None
+    eccentricity: Annotated[float, _range(0.0, 0.2, "eccentricity")] = 0.001
+    inclination_deg: Annotated[float, _range(0.0, 180.0, "inclination in degrees")] = 65.0
+    raan_deg: Annotated[float, _range(-360.0, 360.0, "right ascension of the node in degrees")] = 0.0
+    argument_of_perigee_deg: Annotated[float, _range(-360.0, 360.0, "argument of perigee in degrees")] = 0.0
+    argument_of_latitude_deg: Annotated[float, _range(-360.0, 360.0, "argument of latitude in degrees")] = 0.0
+    file: str | None = None
+    satellite: str | None = None
+    velocity_unit: Annotated[
+        str,
+        Meta(pattern="^(auto|dm/s|m/s)$", description="auto, dm/s or m/s (velocities of SP3)"),
+    ] = "auto"
+
+
+class TruthModel(Section, frozen=True):
+    """Forces of the propagated truth."""
+
+    gravity_degree: Annotated[int, Meta(ge=2, le=70, description="degree and order of EGM2008")] = 70
+    area_to_mass_m2pkg: Annotated[float, _range(0.0, 1.0, "area over mass in m2/kg")] = 0.01
+    drag_coefficient: Annotated[float, _range(0.0, 10.0, "drag coefficient")] = 2.2
+    srp_coefficient: Annotated[float, _range(0.0, 5.0, "radiation-pressure coefficient")] = 1.3
+    sun: bool = True
+    moon: bool = True
+    tides: bool = True
+    solar: Annotated[
+        str,
+        Meta(pattern=r"^(data|fixed:\d+(\.\d+)?)$", description='"data", or "fixed:120" for F10.7 = 120'),
+    ] = "data"
+    space_weather_file: str | None = None
+    earth_orientation_file: str | None = None
+
+    @property
+    def fixed_f107(self) -> float | None:
+        """F10.7 in solar flux units if the scenario fixes it."""
+        return float(self.solar.partition(":")[2]) if self.solar.startswith("fixed:") else None
+
+
+class Gnss(Section, kw_only=True, frozen=True):
+    """Receiver model. Sigmas are per axis."""
+
+    rate_hz: Annotated[float, _range(0.01, 20.0, "fixes per second")] = 1.0
+    sigma_position_m: Annotated[float, _range(0.0, 1e4, "white position noise per axis in metres")]
+    sigma_velocity_mps: Annotated[float, _range(0.0, 1e3, "white velocity noise per axis in m/s")]
+    coloured_sigma_m: Annotated[float, _range(0.0, 1e4, "correlated position error per axis in metres")] = 0.0
+    coloured_tau_s: Annotated[float, _range(1.0, 1e6, "correlation time in seconds")] = 600.0
+    latency_s: Annotated[float, _range(0.0, 10.0, "measurement to arrival on the bus in seconds")] = 0.2
+    dropout_probability: Probability = 0.0
+    satellites: Annotated[int, Meta(ge=0, le=64, description="satellites reported in a fix")] = 12
+
+
+class Outage(Section, frozen=True):
+    """No GNSS position, velocity or time pulse reaches flight in [start_s, start_s + duration_s)."""
+
+    start_s: StartAge
+    duration_s: Annotated[float, _range(1.0, 1e7, "seconds")]
+
+
+class Oscillator(Section, frozen=True):
+    """The onboard counter: offset + (1 + drift) t + random walk of its phase."""
+
+    offset_s: Annotated[float, _range(-1e8, 1e8, "reading at the scenario's start in seconds")] = 1000.0
+    drift_ppm: Annotated[float, _range(-100.0, 100.0, "frequency error in parts per million")] = 1.0
+    random_walk: Annotated[float, _range(0.0, 1e-6, "phase random walk in s/sqrt(s)")] = 1e-10
+    pulse_jitter_ns: Annotated[float, _range(0.0, 1e6, "1-sigma of a latched pulse in nanoseconds")] = 50.0
+
+
+class Flight(Section, frozen=True):
+    """Which navigation table flies, and overrides of its fields (checked when the table is built)."""
+
+    table_set: str
+    table: dict[str, Any] = field(default_factory=dict)
+
+
+class Fault(Section, frozen=True):
+    """Something that goes wrong between receiver and bus (kinds: fault_kinds.py)."""
+
+    kind: str
+    start_s: StartAge
+    duration_s: Annotated[float, _range(0.0, 1e7, "seconds")] = 1.0
+    value: float | None = None
+    axis: Annotated[str, Meta(pattern="^(x|y|z|all)$", description="x, y, z or all (ITRF)")] = "x"
+    target: str = "all"
+    probability: Probability = 1.0
+    hold_time: bool = False
+
+
+class Scenario(Section, kw_only=True, frozen=True):
+    """One run, whole. Obtain it from `scenario.load`, never by hand."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_\-]*$", description="lower-case letters, digits, _, -")]
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="seed of every random stream")] = 1
+    time: Time
+    orbit: Orbit
+    truth: TruthModel = field(default_factory=TruthModel)
+    gnss: Gnss
+    outage: tuple[Outage, ...] = ()
+    oscillator: Oscillator = field(default_factory=Oscillator)
+    flight: Flight
+    fault: tuple[Fault, ...] = ()
+
+
+class Problem(NamedTuple):
+    """What is wrong with a key, and what to do about it."""
+
+    key: str
+    what: str
+    remedy: str
+
+
+def cross_check(scenario: Scenario) -> Iterator[Problem]:
+    """Everything one key alone cannot show to be impossible."""
+    yield from _check_orbit(scenario.orbit)
+    yield from _check_outages(scenario)
+    for i, fault in enumerate(scenario.fault):
+        yield from _check_fault(f"fault.{i}", fault, scenario.time.duration_s)
+    period_ns = 1e9 / scenario.gnss.rate_hz
+    if abs(period_ns - round(period_ns)) > 1e-3:
+        yield Problem(
+            "gnss.rate_hz",
+            f"{scenario.gnss.rate_hz} fixes per second do not fall on whole GPS epochs",
+            "use for example 0.1, 0.5, 1, 2, 4, 5 or 10",
+        )
+
+
+def _check_orbit(orbit: Orbit) -> Iterator[Problem]:
+    if orbit.source == "propagated":
+        if (orbit.period_s is None) == (orbit.semi_major_axis_m is None):
+            yield Problem(
+                "orbit.period_s",
+                "period_s and semi_major_axis_m are both given" if orbit.period_s else "no size of the orbit",
+                "give exactly one of period_s and semi_major_axis_m",
+            )
+            return
+        if orbit.file is not None:
+            yield Problem("orbit.file", "a propagated orbit reads no file", 'set source = "sp3" or "georb"')
+        if perigee_altitude_m(orbit) < MINIMUM_ALTITUDE_M:
+            yield Problem(
+                "orbit.eccentricity",
+                f"perigee would be {perigee_altitude_m(orbit) / 1e3:.0f} km above the equator",
+                f"keep it above {MINIMUM_ALTITUDE_M / 1e3:.0f} km",
+            )
+    elif orbit.file is None:
+        yield Problem(
+            "orbit.file",
+            f'source = "{orbit.source}" needs a file',
+            "give its path",
+        )
+    elif orbit.period_s is not None or orbit.semi_major_axis_m is not None:
+        yield Problem("orbit.period_s", "elements have no effect on a replayed orbit", "remove them")
+
+
+def semi_major_axis_m(orbit: Orbit) -> float:
+    """Semi-major axis [m]; from the Keplerian period with GM of EGM2008 when the period is given."""
+    if orbit.semi_major_axis_m is not None:
+        return orbit.semi_major_axis_m
+    assert orbit.period_s is not None
+    return float((MU_EGM2008_M3PS2 * (orbit.period_s / (2.0 * 3.141592653589793)) ** 2) ** (1.0 / 3.0))
+
+
+MU_EGM2008_M3PS2 = 3.986004415e14
+
+
+def perigee_altitude_m(orbit: Orbit) -> float:
+    """Perigee height above the equatorial radius [m]."""
+    return semi_major_axis_m(orbit) * (1.0 - orbit.eccentricity) - EARTH_RADIUS_M
+
+
+def _check_outages(scenario: Scenario) -> Iterator[Problem]:
+    end_before = 0.0
+    for i, outage in enumerate(scenario.outage):
+        if outage.start_s >= scenario.time.duration_s:
+            yield Problem(
+                f"outage.{i}.start_s",
+                f"starts at {outage.start_s:g} s, after the run's {scenario.time.duration_s:g} s",
+                "start it earlier or lengthen time.duration_s",
+            )
+        if outage.start_s < end_before:
+            yield Problem(f"outage.{i}.start_s", "overlaps the one before it", "list them in order of time")
+        end_before = outage.start_s + outage.duration_s
+
+
+def _check_fault(key: str, fault: Fault, run_s: float) -> Iterator[Problem]:
+    kind = KINDS.get(fault.kind)
+    if kind is None:
+        yield Problem(f"{key}.kind", f"no such fault as {fault.kind!r}", "one of " + ", ".join(KINDS))
+        return
+    if fault.start_s >= run_s:
+        yield Problem(f"{key}.start_s", f"starts after the run's {run_s:g} s", "start it earlier")
+    if fault.target not in TARGETS:
+        yield Problem(f"{key}.target", f"no such target as {fault.target!r}", "one of " + ", ".join(TARGETS))
+    if kind.value is None and fault.value is not None:
+        yield Problem(f"{key}.value", f"{fault.kind} takes no value", "remove it")
+    if kind.value is not None:
+        if fault.value is None and kind.default is None:
+            yield Problem(f"{key}.value", f"{fault.kind} needs a value", f"give {kind.value}")
+        if fault.value is not None and not kind.minimum <= fault.value <= kind.maximum:
+            yield Problem(
+                f"{key}.value",
+                f"{fault.value:g} is outside {kind.minimum:g} to {kind.maximum:g}",
+                f"it is {kind.value}",
+            )
+    if fault.kind == "truncate" and fault.value is not None and fault.value not in CAN_FD_LENGTHS:
+        yield Problem(
+            f"{key}.value",
+            f"{fault.value:g} bytes is no CAN FD length",
+            f"one of {', '.join(map(str, CAN_FD_LENGTHS))}",
+        )
+    if fault.hold_time and fault.kind != "frozen_fix":
+        yield Problem(f"{key}.hold_time", "only frozen_fix can hold the time", "remove it")
+
+
+def field_docs(section: type[Struct]) -> dict[str, str]:
+    """Description of every key of a section, for error texts and `hil_sim show`."""
+    docs = {}
+    for info in msgspec.inspect.type_info(section).fields:  # type: ignore[attr-defined]
+        extra = getattr(info.type, "extra_json_schema", None) or {}
+        if not extra and hasattr(info.type, "types"):
+            for option in info.type.types:
+                extra = getattr(option, "extra_json_schema", None) or extra
+        docs[info.name] = str(extra.get("description", ""))
+    return docs

@@ -1,0 +1,1 @@
+"""The true motion of the satellite, independent of everything that flies."""
