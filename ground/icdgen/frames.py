@@ -80,9 +80,7 @@ def read_bus(dbc: Path) -> Bus:
     data_ids = [f.data_id for f in frames]
     for frame in frames:
         if data_ids.count(frame.data_id) > 1:
-            raise OperatorError(
-                f"{dbc}: {frame.name}: E2EDataId {frame.data_id:#06x} is used twice; choose another"
-            )
+            raise OperatorError(f"{dbc}: {frame.name}: E2EDataId {frame.data_id:#06x} is used twice; choose another")
     return Bus(database.version or "", frames)
 
 
@@ -91,9 +89,7 @@ def _frame(dbc: Path, message: cantools.database.can.Message) -> Frame:
     if not message.is_fd or message.is_extended_frame:
         raise OperatorError(f'{where}: set VFrameFormat to 14 ("StandardCAN_FD")')
     if message.length not in _CAN_FD_LENGTHS:
-        raise OperatorError(
-            f"{where}: {message.length} bytes is no CAN FD length; choose from {_CAN_FD_LENGTHS}"
-        )
+        raise OperatorError(f"{where}: {message.length} bytes is no CAN FD length; choose from {_CAN_FD_LENGTHS}")
     attributes = message.dbc.attributes if message.dbc else {}
     if "E2EDataId" not in attributes:
         raise OperatorError(f"{where}: give it a data id (BA_ E2EDataId)")
