@@ -16,7 +16,7 @@ XML = _ICD / "leonav.xml"
 _EXPORTED = ("sensor_bus.dbc", "leonav.xml", "can_frames.py", "frame_layout.py", "can_codec.py")
 
 _HOW_TO_USE = """\
-CAN:      cantools decode --no-strict {folder}/sensor_bus.dbc < can.log
+CAN:      cantools decode --single-line {folder}/sensor_bus.dbc < can.log
 MAVLink:  put the dialect where your pymavlink looks for dialects,
             cp {folder}/leonav.py {folder}/leonav.xml \\
               "$(python -c 'import os, pymavlink; print(os.path.dirname(pymavlink.__file__))')/dialects/v20/"
