@@ -155,9 +155,10 @@ def _truth(
 ) -> TrackTruth:
     t = samples.t_gps_ns
     if t[0] > t_first_gps_ns or t[-1] < t_last_gps_ns:
+        has = f"{gps_time.to_calendar(int(t[0]))} to {gps_time.to_calendar(int(t[-1]))}"
+        needs = f"{gps_time.to_calendar(t_first_gps_ns)} to {gps_time.to_calendar(t_last_gps_ns)}"
         raise DataError(
-            f"{path}: covers {gps_time.to_calendar(int(t[0]))} to {gps_time.to_calendar(int(t[-1]))} GPS, the run "
-            f"needs {gps_time.to_calendar(t_first_gps_ns)} to {gps_time.to_calendar(t_last_gps_ns)}; set time.start and time.duration_s inside it"
+            f"{path}: covers {has} GPS, the run needs {needs}; set time.start and time.duration_s inside it"
         )
     low = max(int(np.searchsorted(t, t_first_gps_ns, side="right")) - 1 - NODES_EACH_SIDE, 0)
     high = int(np.searchsorted(t, t_last_gps_ns)) + 1 + NODES_EACH_SIDE

@@ -1,0 +1,130 @@
+"""The sensor bus in one process, and the monitor that listens as the other onboard systems would."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from binascii import crc_hqx
+from pathlib import Path
+from types import TracebackType
+
+import can
+import numpy as np
+
+from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
+from hil_sim.errors import BusError
+
+SEND_TIMEOUT_S = 1.0  # a full queue of python-can's virtual bus blocks for ever without one
+RECEIVE_QUEUE_FRAMES = 4096
+_serial = itertools.count()
+
+
+class VirtualBusPair:
+    """Two ends of one python-can virtual channel: `flight` and `world`. Use as a context manager."""
+
+    def __init__(self) -> None:
+        self.channel = f"leonav-{os.getpid()}-{next(_serial)}"
+        self.flight = self.open_end()
+        self.world = self.open_end()
+
+    def open_end(self) -> can.BusABC:
+        """One more end of the channel; time stamps of the sender are kept."""
+        return can.Bus(
+            interface="virtual",
+            channel=self.channel,
+            preserve_timestamps=True,
+            rx_queue_size=RECEIVE_QUEUE_FRAMES,
+        )
+
+    def close(self) -> None:
+        """Shut both ends down."""
+        self.flight.shutdown()
+        self.world.shutdown()
+
+    def __enter__(self) -> VirtualBusPair:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Monitor:
+    """What flight published, tick by tick, as received on the bus.
+
+    A tick's NAV_STATE and INTEGRITY are those between the heartbeat before it and its own, which comes last.
+    Frames with a wrong length or CRC are counted and left out.
+    """
+
+    def __init__(self, n_ticks: int) -> None:
+        self._capacity = n_ticks
+        self._tick = np.zeros(n_ticks, dtype=np.int64)
+        self._nav = bytearray(n_ticks * NAV_STATE.length)
+        self._integrity = bytearray(n_ticks * INTEGRITY.length)
+        self._has_nav = bytearray(n_ticks)
+        self._has_integrity = bytearray(n_ticks)
+        self._beat = np.zeros(1, dtype=FLIGHT_HEARTBEAT.dtype)
+        self.rows = 0
+        self.received = 0
+        self.bad_frames = 0
+        self.other_frames = 0
+
+    def drain(self, bus: can.BusABC) -> int:
+        """Take in everything waiting on the bus; returns how many frames that was."""
+        taken = 0
+        receive = bus.recv
+        while True:
+            message = receive(0.0)
+            if message is None:
+                break
+            taken += 1
+            self._accept(message.arbitration_id, message.data)
+        self.received += taken
+        return taken
+
+    def _accept(self, frame_id: int, data: bytearray) -> None:
+        row = self.rows
+        if row >= self._capacity:
+            raise BusError(f"flight published more than the {self._capacity} ticks of the run")
+        if frame_id == 0x200:
+            if _intact(data, 62, NAV_STATE.data_id_bytes):
+                self._nav[row * 64 : row * 64 + 64] = data
+                self._has_nav[row] = 1
+                return
+        elif frame_id == 0x201:
+            if _intact(data, 62, INTEGRITY.data_id_bytes):
+                self._integrity[row * 64 : row * 64 + 64] = data
+                self._has_integrity[row] = 1
+                return
+        elif frame_id == 0x202:
+            if _intact(data, 30, FLIGHT_HEARTBEAT.data_id_bytes):
+                self._tick[row] = int.from_bytes(data[:8], "little")
+                self.rows = row + 1
+                return
+        else:
+            self.other_frames += 1
+            return
+        self.bad_frames += 1
+
+    def records(self) -> dict[str, np.ndarray]:
+        """tick (n,), nav (n,) NAV_STATE and integrity (n,) INTEGRITY records, has_nav and has_integrity (n,) bool."""
+        n = self.rows
+        return {
+            "tick": self._tick[:n].copy(),
+            "nav": np.frombuffer(bytes(self._nav), dtype=NAV_STATE.dtype)[:n],
+            "integrity": np.frombuffer(bytes(self._integrity), dtype=INTEGRITY.dtype)[:n],
+            "has_nav": np.frombuffer(bytes(self._has_nav), dtype=bool)[:n],
+            "has_integrity": np.frombuffer(bytes(self._has_integrity), dtype=bool)[:n],
+        }
+
+    def save(self, path: Path) -> None:
+        """Write monitor.npz."""
+        np.savez(path, **self.records())  # type: ignore[arg-type]
+
+
+def _intact(data: bytearray, crc_at: int, data_id_bytes: bytes) -> bool:
+    if len(data) != crc_at + 2:
+        return False
+    crc = crc_hqx(data_id_bytes, crc_hqx(data[:crc_at], 0xFFFF))
+    return data[crc_at] == crc & 0xFF and data[crc_at + 1] == crc >> 8

@@ -1,0 +1,101 @@
+"""Fixes and pulses as sealed CAN frames, sorted by arrival."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flightsw.icd.can_codec import new_buffer, seal
+from flightsw.icd.can_frames import GNSS_POSITION, GNSS_VELOCITY, TIME_SYNC
+from flightsw.icd.frame_layout import FrameLayout
+from hil_sim.sensors.gnss_receiver import FixSeries, PulseSeries
+
+_LAYOUTS = {"sync": TIME_SYNC, "position": GNSS_POSITION, "velocity": GNSS_VELOCITY}
+
+
+@dataclass
+class FrameSeries:
+    """Frames of a run in order of arrival: instants (m,) int64 [ns], kind ('sync', 'position', 'velocity'), payload."""
+
+    t_true_gps_ns: np.ndarray
+    arrival_gps_ns: np.ndarray
+    kind: list[str]
+    payload: list[bytes]
+
+    def keep(self, mask: np.ndarray) -> FrameSeries:
+        """The frames for which mask (m,) is true."""
+        rows = np.flatnonzero(mask)
+        return FrameSeries(
+            self.t_true_gps_ns[rows],
+            self.arrival_gps_ns[rows],
+            [self.kind[i] for i in rows],
+            [self.payload[i] for i in rows],
+        )
+
+    @property
+    def frame_id(self) -> list[int]:
+        """CAN identifier of each frame."""
+        return [_LAYOUTS[kind].frame_id for kind in self.kind]
+
+
+def encode(fixes: FixSeries, pulses: PulseSeries) -> FrameSeries:
+    """Every measurement that is sent, as frames; of equal arrival the pulse goes first, then position, velocity."""
+    kinds: list[str] = []
+    payloads: list[bytes] = []
+    true, arrival = [], []
+    for kind, rows, counter, series in (
+        ("sync", _pulse_records(pulses), pulses.counter, pulses),
+        ("position", _position_records(fixes), fixes.counter_position, fixes),
+        ("velocity", _velocity_records(fixes), fixes.counter_velocity, fixes),
+    ):
+        sent = np.flatnonzero(series.sent)
+        payloads += _sealed(_LAYOUTS[kind], rows[sent], counter[sent])
+        kinds += [kind] * len(sent)
+        true.append(series.t_true_gps_ns[sent])
+        arrival.append(series.arrival_gps_ns[sent])
+    frames = FrameSeries(np.concatenate(true), np.concatenate(arrival), kinds, payloads)
+    order = np.argsort(frames.arrival_gps_ns, kind="stable")
+    return FrameSeries(
+        frames.t_true_gps_ns[order],
+        frames.arrival_gps_ns[order],
+        [kinds[i] for i in order],
+        [payloads[i] for i in order],
+    )
+
+
+def _sealed(layout: FrameLayout, records: np.ndarray, counters: np.ndarray) -> list[bytes]:
+    buffer, _ = new_buffer(layout)
+    raw = records.tobytes()
+    payloads = []
+    for i, counter in enumerate(counters.tolist()):
+        buffer[:] = raw[i * layout.length : (i + 1) * layout.length]
+        seal(layout, buffer, counter)
+        payloads.append(bytes(buffer))
+    return payloads
+
+
+def _pulse_records(pulses: PulseSeries) -> np.ndarray:
+    records = np.zeros(len(pulses.t_gps_ns), dtype=TIME_SYNC.dtype)
+    for name in ("t_gps_ns", "t_counter_ns", "sigma_ns", "leap_seconds", "status"):
+        records[name] = getattr(pulses, name)
+    return records
+
+
+def _position_records(fixes: FixSeries) -> np.ndarray:
+    records = np.zeros(len(fixes.t_gps_ns), dtype=GNSS_POSITION.dtype)
+    for name in ("t_gps_ns", "t_counter_ns", "satellites", "fix_type"):
+        records[name] = getattr(fixes, name)
+    for k, axis in enumerate("xyz"):
+        records[f"{axis}_itrf_m"] = fixes.r_itrf_m[:, k]
+        records[f"sigma_{axis}_m"] = fixes.sigma_r_m[:, k]
+    return records
+
+
+def _velocity_records(fixes: FixSeries) -> np.ndarray:
+    records = np.zeros(len(fixes.t_gps_ns), dtype=GNSS_VELOCITY.dtype)
+    records["t_gps_ns"] = fixes.t_gps_ns
+    for k, axis in enumerate("xyz"):
+        records[f"v{axis}_itrf_mps"] = fixes.v_itrf_mps[:, k]
+        records[f"sigma_v{axis}_mps"] = fixes.sigma_v_mps[:, k]
+    return records

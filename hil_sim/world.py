@@ -1,0 +1,196 @@
+"""The world of one run: truth, sensors, faults, frames, prepared before the first tick.
+
+Flight ticks when its own counter says so: tick k is the instant at which the onboard counter reads
+counter_ns(k) = counter_ns(0) + k tick_period. No true time reaches flight but through frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import numpy as np
+
+from hil_sim import faults, frames, gps_time
+from hil_sim.bus import SEND_TIMEOUT_S
+from hil_sim.errors import BusError, ScenarioError
+from hil_sim.scenario import LoadedScenario, resolve_data_file
+from hil_sim.sensors import gnss_receiver
+from hil_sim.sensors.oscillator import Oscillator
+from hil_sim.sensors.streams import open_streams
+from hil_sim.truth import propagated, replayed
+from hil_sim.truth.earth_rotation import EarthOrientation
+from hil_sim.truth.interface import TrackTruth
+
+RESIDUAL_STEP_NS = 10 * gps_time.NS
+MARGIN_NS = 2 * gps_time.NS
+
+
+def build_truth(loaded: LoadedScenario) -> TrackTruth:
+    """The scenario's true motion over its whole run; DataError when data are missing or do not cover it."""
+    scenario, start = loaded.scenario, loaded.t_start_gps_ns
+    # a slow oscillator ends its last tick after the nominal end of the run
+    drift = abs(scenario.oscillator.drift_ppm) * 1e-6
+    stop = start + round(scenario.time.duration_s * (1.0 + 2.0 * drift) * 1e9) + MARGIN_NS
+    finals, weather = earth_orientation_file(loaded), _optional(loaded, "space_weather_file")
+    orbit = scenario.orbit
+    if orbit.source == "propagated":
+        return propagated.propagate(orbit, scenario.truth, start, stop - start, finals, weather)
+    assert orbit.file is not None  # cross_check has seen to it
+    path = resolve_data_file(orbit.file, loaded.path, "orbit.file")
+    if orbit.source == "sp3":
+        return replayed.load_sp3(path, start, stop, orbit.satellite, orbit.velocity_unit, finals)
+    return replayed.load_georb(path, start, stop, finals)
+
+
+def earth_orientation_file(loaded: LoadedScenario) -> Path | None:
+    """The finals2000A file the scenario names, or None for the packaged one."""
+    return _optional(loaded, "earth_orientation_file")
+
+
+class World:
+    """Everything outside flight. Obtain it from `World.build`."""
+
+    def __init__(
+        self,
+        loaded: LoadedScenario,
+        truth: TrackTruth,
+        oscillator: Oscillator,
+        tick_period_ns: int,
+        fixes: gnss_receiver.FixSeries,
+        sent_frames: frames.FrameSeries,
+    ) -> None:
+        self.loaded = loaded
+        self.scenario = loaded.scenario
+        self.truth = truth
+        self.oscillator = oscillator
+        self.tick_period_ns = tick_period_ns
+        self.t_start_gps_ns = loaded.t_start_gps_ns
+        self.start_unix_ns = gps_time.to_unix_ns(self.t_start_gps_ns)
+        self.leap_seconds = gps_time.leap_seconds(self.t_start_gps_ns)
+        duration_ns = round(self.scenario.time.duration_s * 1e9)
+        self.n_ticks = duration_ns // tick_period_ns
+        self.counter0_ns = int(oscillator.counter_ns(np.array([self.t_start_gps_ns]))[0])
+        counters = self.counter0_ns + np.arange(self.n_ticks, dtype=np.int64) * tick_period_ns
+        self.t_true_gps_ns = oscillator.true_time_ns(counters)
+        self.r_true_gcrf_m, self.v_true_gcrf_mps = truth.state_gcrf(self.t_true_gps_ns)
+        self.frames_sent = 0
+        self._fixes = fixes
+        self._ids = sent_frames.frame_id
+        self._payloads = sent_frames.payload
+        # how many frames have arrived by the true instant of each tick
+        self._due = np.searchsorted(sent_frames.arrival_gps_ns, self.t_true_gps_ns, side="right").tolist()
+
+    @classmethod
+    def build(
+        cls,
+        loaded: LoadedScenario,
+        tick_period_ns: int = 100_000_000,
+        progress: Callable[[str], None] | None = None,
+    ) -> World:
+        """Prepare truth, oscillator and every frame of the run. `progress` is told each stage in words."""
+        tell = progress if progress is not None else _silent
+        scenario, start = loaded.scenario, loaded.t_start_gps_ns
+        duration_ns = round(scenario.time.duration_s * 1e9)
+        if duration_ns < tick_period_ns:
+            raise ScenarioError(f"{loaded.path}: time.duration_s: shorter than one tick; lengthen it")
+        tell(f"truth: {scenario.orbit.source}")
+        truth = build_truth(loaded)
+        tell("sensors and faults")
+        streams = open_streams(scenario.seed)
+        oscillator = Oscillator(scenario.oscillator, start, duration_ns, streams.oscillator)
+        orientation = EarthOrientation(start, start + duration_ns, earth_orientation_file(loaded))
+        jitter_ns = scenario.oscillator.pulse_jitter_ns
+        fixes = gnss_receiver.measure_fixes(
+            truth,
+            orientation,
+            oscillator,
+            scenario.gnss,
+            scenario.outage,
+            start,
+            start + duration_ns,
+            jitter_ns,
+            streams,
+        )
+        pulses = gnss_receiver.measure_pulses(
+            oscillator, scenario.gnss, scenario.outage, start, start + duration_ns, jitter_ns, streams
+        )
+        injector = faults.FaultInjector(scenario.fault, start, streams.faults)
+        injector.corrupt_content(fixes, pulses)
+        sent = injector.corrupt_frames(frames.encode(fixes, pulses))
+        # a late frame does not slip into an outage either
+        sent = sent.keep(~gnss_receiver.in_outage(sent.arrival_gps_ns, scenario.outage, start))
+        return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent)
+
+    def counter_ns(self, k: int) -> int:
+        """Onboard counter at tick k [ns]."""
+        return self.counter0_ns + k * self.tick_period_ns
+
+    def send_due(self, k: int, bus: can.BusABC, timestamp_s: float) -> int:
+        """Send every frame that has arrived by the true instant of tick k, in order of arrival.
+
+        timestamp_s: Unix time stamped on the messages (the caller's log time of the tick).
+        Returns how many were sent; BusError when flight does not drain its bus.
+        """
+        stop = self._due[k]
+        first = self.frames_sent
+        if first >= stop:
+            return 0
+        for i in range(first, stop):
+            message = can.Message(
+                timestamp=timestamp_s,
+                arbitration_id=self._ids[i],
+                is_extended_id=False,
+                is_fd=True,
+                bitrate_switch=True,
+                data=self._payloads[i],
+            )
+            try:
+                bus.send(message, timeout=SEND_TIMEOUT_S)
+            except can.CanError as error:
+                raise BusError(f"tick {k}: the bus takes no frame ({error}); flight no longer drains it") from None
+        self.frames_sent = stop
+        return stop - first
+
+    @property
+    def outages_gps_ns(self) -> np.ndarray:
+        """Start and end of each outage in true GPS time, (k, 2) int64 [ns]."""
+        spans = [
+            (
+                self.t_start_gps_ns + round(o.start_s * 1e9),
+                self.t_start_gps_ns + round((o.start_s + o.duration_s) * 1e9),
+            )
+            for o in self.scenario.outage
+        ]
+        return np.array(spans, dtype=np.int64).reshape(-1, 2)
+
+    def truth_arrays(self) -> dict[str, np.ndarray]:
+        """What truth.npz holds: truth at ticks and at fixes, error of fixes before faults, dA, outages."""
+        used = self._fixes.sent
+        da_t = np.arange(self.t_true_gps_ns[0], self.t_true_gps_ns[-1] + 1, RESIDUAL_STEP_NS, dtype=np.int64)
+        return {
+            "tick": np.arange(self.n_ticks, dtype=np.int64),
+            "t_true_gps_ns": self.t_true_gps_ns,
+            "r_gcrf_m": self.r_true_gcrf_m,
+            "v_gcrf_mps": self.v_true_gcrf_mps,
+            "fix_t_gps_ns": self._fixes.t_true_gps_ns[used],
+            "fix_r_gcrf_m": self._fixes.r_true_gcrf_m[used],
+            "fix_error_m": self._fixes.error_gcrf_m[used],
+            "da_t_gps_ns": da_t,
+            "da_true_mps2": self.truth.acceleration_residual(da_t),
+            "outages": self.outages_gps_ns,
+        }
+
+    def save_truth(self, path: Path) -> None:
+        """Write truth.npz."""
+        np.savez(path, **self.truth_arrays())  # type: ignore[arg-type]
+
+
+def _optional(loaded: LoadedScenario, key: str) -> Path | None:
+    text = getattr(loaded.scenario.truth, key)
+    return None if text is None else resolve_data_file(text, loaded.path, f"truth.{key}")
+
+
+def _silent(text: str) -> None:
+    del text
