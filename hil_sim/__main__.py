@@ -1,0 +1,91 @@
+"""`hil_sim list | show | run`: arguments, exit codes, nothing else. 0 done, 1 the run failed, 2 refused."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+EXIT_FAILED, EXIT_REFUSED = 1, 2
+MISSING_EXTRA = "is not installed; the simulator needs: pip install 'leonav[sim,ground]'"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.action(options))
+    except KeyboardInterrupt:
+        print("hil_sim: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+    except ModuleNotFoundError as error:
+        # a missing extra is the user's to install; a missing module of our own is a defect and keeps its traceback
+        if error.name is None or error.name.split(".")[0] in ("hil_sim", "flightsw", "ground"):
+            raise
+        print(f"hil_sim: {error.name} {MISSING_EXTRA}", file=sys.stderr)
+        return EXIT_REFUSED
+    except Exception as error:
+        from hil_sim.errors import BusError, SimulationError
+
+        if not isinstance(error, SimulationError):
+            raise
+        print(f"hil_sim: {error}", file=sys.stderr)
+        return EXIT_FAILED if isinstance(error, BusError) else EXIT_REFUSED
+
+
+def _list(options: argparse.Namespace) -> int:
+    from hil_sim import scenario
+
+    del options
+    known = scenario.shipped()
+    width = max(len(name) for name in known)
+    for name in known:
+        print(f"{name:<{width}}  {scenario.load(name).scenario.description}")
+    return 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    from hil_sim import scenario
+
+    print(scenario.describe(scenario.load(options.scenario, options.set)))
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from hil_sim import scenario
+
+    loaded = scenario.load(options.scenario, options.set)
+    out_dir = options.out if options.out is not None else Path("runs") / loaded.scenario.name
+    from hil_sim import sil
+
+    return int(sil.run(loaded, out_dir) or 0)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="hil_sim", description="Flies a satellite against the flight software.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | run")
+    listing = commands.add_parser("list", help="scenarios that ship")
+    listing.set_defaults(action=_list)
+    for name, action, help_text in (
+        ("show", _show, "every resolved key of a scenario and where its value comes from"),
+        ("run", _run, "fly a scenario and leave its record in a folder"),
+    ):
+        command = commands.add_parser(name, help=help_text)
+        command.add_argument("scenario", help="name of a shipped scenario, or a TOML file")
+        command.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="override a key, for example gnss.sigma_position_m=33 or outage.0.duration_s=600",
+        )
+        if name == "run":
+            command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO)")
+        command.set_defaults(action=action)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
