@@ -79,7 +79,7 @@ def encode(
     return image + _CRC.pack(zlib.crc32(image))
 
 
-def decode(image: bytes) -> TableImage:
+def decode(image: bytes | bytearray) -> TableImage:
     """Check an image and open it. Raises TableRefused with the reason; never returns a partial table."""
     if len(image) < _HEADER.size + _CRC.size:
         raise TableRefused(f"{len(image)} bytes are too few for a table; copy the file again")
