@@ -67,9 +67,7 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.TABLE_UNCERTIFIED, Severity.NOTICE, "Navigation table carries no certificate"),
         Alert(AlertId.TICK_SLIP, Severity.WARNING, "Tick began late"),
         Alert(AlertId.BUS_OFF, Severity.ERROR, "CAN bus lost: reconnecting"),
-        Alert(
-            AlertId.EARTH_ORIENTATION_EXPIRED, Severity.ALERT, "Earth orientation table does not cover now"
-        ),
+        Alert(AlertId.EARTH_ORIENTATION_EXPIRED, Severity.ALERT, "Earth orientation table does not cover now"),
         Alert(AlertId.DIVERGED, Severity.ALERT, "Consistent fixes rejected: state unreliable"),
     )
 }

@@ -83,8 +83,8 @@ def decode(image: bytes | bytearray) -> TableImage:
     """Check an image and open it. Raises TableRefused with the reason; never returns a partial table."""
     if len(image) < _HEADER.size + _CRC.size:
         raise TableRefused(f"{len(image)} bytes are too few for a table; copy the file again")
-    magic, version, number, schema_hash, name, start, stop, certificate_length, payload_length = (
-        _HEADER.unpack_from(image)
+    magic, version, number, schema_hash, name, start, stop, certificate_length, payload_length = _HEADER.unpack_from(
+        image
     )
     if magic != MAGIC:
         raise TableRefused("not a leonav table (magic is wrong)")

@@ -46,15 +46,11 @@ class Schema(NamedTuple):
     @property
     def hash(self) -> int:
         """First eight bytes of SHA-256 over names, kinds, shapes, units and ranges."""
-        text = "\n".join(
-            f"{f.name} {f.kind} {f.shape} {f.unit} {f.minimum!r} {f.maximum!r}" for f in self.fields
-        )
+        text = "\n".join(f"{f.name} {f.kind} {f.shape} {f.unit} {f.minimum!r} {f.maximum!r}" for f in self.fields)
         return int.from_bytes(hashlib.sha256(f"{self.name}\n{text}".encode()).digest()[:8], "big")
 
 
-def _real(
-    name: str, unit: str, low: float, high: float, default: float | None, why: str, *shape: int
-) -> Field:
+def _real(name: str, unit: str, low: float, high: float, default: float | None, why: str, *shape: int) -> Field:
     return Field(name, "f8", shape, unit, low, high, default, why)
 
 
@@ -72,23 +68,15 @@ NAVIGATION = Schema(
     (
         *_group(
             "loop",
-            _whole(
-                "tick_period_ns", "ns", 1_000_000, 1_000_000_000, 100_000_000, "period of the fixed-step loop"
-            ),
-            _whole(
-                "nav_step_ns", "ns", 10_000_000, 60_000_000_000, 1_000_000_000, "tau, step of the filter grid"
-            ),
+            _whole("tick_period_ns", "ns", 1_000_000, 1_000_000_000, 100_000_000, "period of the fixed-step loop"),
+            _whole("nav_step_ns", "ns", 10_000_000, 60_000_000_000, 1_000_000_000, "tau, step of the filter grid"),
         ),
         *_group(
             "dynamics",  # equation (2) and its discretisation (3)
-            _real(
-                "mu_m3ps2", "m3/s2", 3.9e14, 4.1e14, 3.9860044e14, "gravitational parameter; paper's value"
-            ),
+            _real("mu_m3ps2", "m3/s2", 3.9e14, 4.1e14, 3.9860044e14, "gravitational parameter; paper's value"),
             _whole("gravity_model", "0 central, 1 J2", 0, 1, 0, "onboard force model"),
             _real("j2", "1", 0.0, 2e-3, 1.0826261738522e-3, "second zonal coefficient (EGM2008, tide free)"),
-            _real(
-                "equatorial_radius_m", "m", 6.37e6, 6.39e6, 6378136.3, "reference radius that belongs to j2"
-            ),
+            _real("equatorial_radius_m", "m", 6.37e6, 6.39e6, 6378136.3, "reference radius that belongs to j2"),
             _whole(
                 "integrator",
                 "0 Euler, 1 RK4",
@@ -109,9 +97,7 @@ NAVIGATION = Schema(
         *_group(
             "filter",  # equations (5)-(10)
             _real("q_r_m2", "m2 per step", 0.0, 1e12, None, "process noise on position, integrated mode"),
-            _real(
-                "q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, None, "process noise on velocity, integrated mode"
-            ),
+            _real("q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, None, "process noise on velocity, integrated mode"),
             _real("q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, None, "process noise on dA, integrated mode"),
             _real("sigma_r_floor_m", "m", 1e-3, 1e6, None, "a fix is never taken as better than this"),
             _real("sigma_v_floor_mps", "m/s", 1e-5, 1e4, None, "a fix is never taken as better than this"),
@@ -146,12 +132,8 @@ NAVIGATION = Schema(
                 MAX_AUTONOMOUS_ROWS,
             ),
             _real("autonomous_q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "q_R of (17)", MAX_AUTONOMOUS_ROWS),
-            _real(
-                "autonomous_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)", MAX_AUTONOMOUS_ROWS
-            ),
-            _real(
-                "autonomous_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)", MAX_AUTONOMOUS_ROWS
-            ),
+            _real("autonomous_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)", MAX_AUTONOMOUS_ROWS),
+            _real("autonomous_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)", MAX_AUTONOMOUS_ROWS),
             _real("autonomous_s_r_m", "m", 1e-3, 1e12, 1e12, "s_R of (17)", MAX_AUTONOMOUS_ROWS),
             _real("autonomous_s_v_mps", "m/s", 1e-5, 1e12, 1e12, "s_V of (17)", MAX_AUTONOMOUS_ROWS),
         ),
@@ -170,9 +152,7 @@ NAVIGATION = Schema(
         ),
         *_group(
             "modes",
-            _real(
-                "autonomous_after_s", "s", 0.1, 3600.0, 3.0, "fix age at which the mode becomes AUTONOMOUS"
-            ),
+            _real("autonomous_after_s", "s", 0.1, 3600.0, 3.0, "fix age at which the mode becomes AUTONOMOUS"),
             _whole(
                 "integrated_after_fixes",
                 "count",
@@ -181,12 +161,8 @@ NAVIGATION = Schema(
                 3,
                 "accepted fixes before AUTONOMOUS becomes INTEGRATED",
             ),
-            _whole(
-                "init_fixes", "count", 1, 100, 3, "consistent fixes before INIT ends (1: the paper's start)"
-            ),
-            _whole(
-                "reinit_fixes", "count", 3, 1000, 10, "rejected fixes that agree before a new start from them"
-            ),
+            _whole("init_fixes", "count", 1, 100, 3, "consistent fixes before INIT ends (1: the paper's start)"),
+            _whole("reinit_fixes", "count", 3, 1000, 10, "rejected fixes that agree before a new start from them"),
             _real(
                 "agreement_sigmas",
                 "1",
@@ -224,9 +200,7 @@ NAVIGATION = Schema(
                 2e-5,
                 "disagreement of a time stamp with the onboard clock",
             ),
-            _real(
-                "drift_max_sps", "s/s", 0.0, 1e-3, 5e-6, "largest oscillator drift the tolerance allows for"
-            ),
+            _real("drift_max_sps", "s/s", 0.0, 1e-3, 5e-6, "largest oscillator drift the tolerance allows for"),
             _real(
                 "pulse_sigma_floor_s",
                 "s",
@@ -273,9 +247,7 @@ NAVIGATION = Schema(
                 5,
                 "NAV_STATE and INTEGRITY on the link every so many ticks",
             ),
-            _whole(
-                "rate_status_ticks", "ticks", 0, 100000, 10, "HEARTBEAT, SYS_STATUS, time, fix, innovation"
-            ),
+            _whole("rate_status_ticks", "ticks", 0, 100000, 10, "HEARTBEAT, SYS_STATUS, time, fix, innovation"),
             _whole("rate_counters_ticks", "ticks", 0, 100000, 50, "counters"),
             _whole("rate_table_status_ticks", "ticks", 0, 100000, 600, "table identity"),
         ),
