@@ -22,6 +22,8 @@ from ground.errors import OperatorError, did_you_mean
 ROOMS: dict[str, tuple[str, str]] = {
     "table": ("ground.tables.command", "build and show the binary tables that flight loads"),
     "icd": ("ground.icdgen.command", "generate and export the interface"),
+    "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
+    "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
 }
 
 # what an ImportError of these means: the extra that brings them

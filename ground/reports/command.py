@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from ground.errors import OperatorError
 from ground.reports.run_folder import NotARun, read_summary
@@ -12,8 +13,9 @@ from ground.reports.verdict import render_verdict
 HELP = "make the figures of a run again and print its verdict"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `ground report`."""
+def add_arguments(subparsers: Any) -> None:
+    """The parser of `ground report`."""
+    parser = subparsers.add_parser("report", help=HELP, description=HELP)
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="folder of a run: runs/<scenario>")
 
 
@@ -24,10 +26,8 @@ def run(args: argparse.Namespace) -> int:
     missing = [key for key in ("scenario", "integrated", "outages") if key not in summary]
     if missing:
         raise NotARun(f"{run_dir / 'summary.json'}: no {', '.join(missing)}; run the scenario again")
-    try:
-        from ground.reports.figures import make_figures
-    except ImportError as error:
-        raise OperatorError(f"{error}; figures need the ground extra: pip install 'leonav[ground]'") from None
+    from ground.reports.figures import make_figures
+
     try:
         paths = make_figures(run_dir)
     except OSError as error:

@@ -192,8 +192,8 @@ def test_metres_are_written_as_people_say_them(value: float, text: str) -> None:
 
 def report(run_dir: Path) -> int:
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return command.run(parser.parse_args([str(run_dir)]))
+    command.add_arguments(parser.add_subparsers())
+    return command.run(parser.parse_args(["report", str(run_dir)]))
 
 
 def test_report_makes_figures_again_and_prints_the_verdict(tmp_path: Path, capsys: Any) -> None:

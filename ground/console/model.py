@@ -1,0 +1,287 @@
+"""What the console knows: a pure reducer from messages and time to a state, without any screen.
+
+`reduce(state, message, now_s)` folds one MAVLink message into the state; `ground.console.verdict.judge`
+reads a verdict out of it. `now_s` is the link's time (Unix seconds): the receive clock when live, the log's
+own time stamps in a replay. Every value keeps the time it was heard, so that silence can be told from health.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from flightsw.icd.alerts import ALERTS, Severity
+from flightsw.icd.enums import Mode, RejectCause
+from ground.console.text import safe
+
+FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
+MAX_EVENTS = 500
+MAX_HISTORY = 1024  # samples; beyond it neighbours merge, so a whole mission stays in view
+HISTORY_STEP_S = 1.0
+HISTORY_RESTART_S = 86_400.0  # a jump of flight time beyond this is another run
+SEQUENCES = 1 << 32
+RECENT_ALERTS = 64
+
+
+class Event(NamedTuple):
+    """A line of the event log: time heard, severity as in MAV_SEVERITY, text already safe to show."""
+
+    t_s: float
+    severity: int
+    text: str
+
+
+class Sample(NamedTuple):
+    """A point of the plot: flight's GPS time [s], driving bound and limit [m], mode."""
+
+    t_gps_s: float
+    bound_m: float
+    limit_m: float
+    mode: int
+
+
+class Integrity(NamedTuple):
+    """LEONAV_INTEGRITY as received; ages in seconds at the moment of sending."""
+
+    t_gps_ns: int
+    bound_m: float
+    limit_m: float
+    bound_3d_m: float
+    fix_age_s: float
+    outage_age_s: float
+    flag_age_s: float
+    alerts: int
+    table_crc32: int
+    accepted_streak: int
+    mode: int
+    flag_state: int
+    verdict: int
+    driver: int
+    certificate: int
+    stored_da_coverage_pct: int
+    da_source: int
+
+    @property
+    def driving_bound_m(self) -> float:
+        """The bound that flight compares with the limit."""
+        return self.bound_3d_m if self.driver == 1 else self.bound_m
+
+
+class NavState(NamedTuple):
+    """LEONAV_NAV_STATE: geocentric distance [m] and speed [m/s] stand for the vectors on the screen."""
+
+    t_gps_ns: int
+    radius_m: float
+    speed_mps: float
+    validity: int
+
+
+class Counters(NamedTuple):
+    """LEONAV_COUNTERS."""
+
+    tick: int
+    received: int
+    accepted: int
+    slips: int
+    journal_dropped: int
+    rejected: tuple[int, ...]
+
+
+class Innovation(NamedTuple):
+    """LEONAV_INNOVATION: what the last fix looked like to the filter."""
+
+    nis: float
+    gate: float
+    mean_nis: float
+    used: bool
+    cause: int
+
+
+class Table(NamedTuple):
+    """LEONAV_TABLE_STATUS of the navigation table."""
+
+    crc32: int
+    set_name: str
+    certificate: int
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Everything heard so far. `*_s` are times of hearing (link's time), None when never heard."""
+
+    started_s: float = 0.0
+    heard_s: float | None = None
+    heartbeat_s: float | None = None
+    integrity: Integrity | None = None
+    integrity_s: float | None = None
+    nav: NavState | None = None
+    nav_s: float | None = None
+    counters: Counters | None = None
+    counters_s: float | None = None
+    innovation: Innovation | None = None
+    innovation_s: float | None = None
+    table: Table | None = None
+    satellites: int | None = None
+    satellites_s: float | None = None
+    messages: int = 0
+    foreign: int = 0
+    alerts_lost: int = 0
+    alert_sequence: int | None = None
+    recent_alerts: tuple[tuple[int, int, int], ...] = ()
+    events: tuple[Event, ...] = ()
+    history: tuple[Sample, ...] = ()
+    history_step_s: float = HISTORY_STEP_S
+
+
+def reduce(state: State, message: Any, now_s: float) -> State:
+    """The state after `message` (a decoded MAVLink message) was heard at `now_s`. Never raises."""
+    if message.get_srcSystem() != FLIGHT_SYSTEM or message.get_srcComponent() != FLIGHT_COMPONENT:
+        return replace(state, foreign=state.foreign + 1)
+    state = replace(state, heard_s=now_s, messages=state.messages + 1)
+    fold = _FOLDS.get(message.get_type())
+    return state if fold is None else fold(state, message, now_s)
+
+
+def note(state: State, now_s: float, severity: int, text: str) -> State:
+    """The state with a line of the console's own in the event log."""
+    return replace(state, events=(*state.events[-(MAX_EVENTS - 1) :], Event(now_s, severity, text)))
+
+
+def age_s(now_s: float, heard_s: float | None) -> float:
+    """Seconds since something was heard; infinite when it never was."""
+    return math.inf if heard_s is None else max(0.0, now_s - heard_s)
+
+
+def _heartbeat(state: State, message: Any, now_s: float) -> State:
+    return replace(state, heartbeat_s=now_s)
+
+
+def _integrity(state: State, message: Any, now_s: float) -> State:
+    integrity = Integrity(*(getattr(message, name) for name in Integrity._fields))
+    return _remember(replace(state, integrity=integrity, integrity_s=now_s), integrity, now_s)
+
+
+def _remember(state: State, integrity: Integrity, now_s: float) -> State:
+    """Add a point to the plot, merging points closer than the step: the worst bound of them stays."""
+    t = integrity.t_gps_ns / 1e9
+    sample = Sample(t, integrity.driving_bound_m, integrity.limit_m, integrity.mode)
+    history = state.history
+    if history and not -1.0 <= t - history[-1].t_gps_s <= HISTORY_RESTART_S:
+        if history[-1].mode != Mode.INIT:  # before its first fix flight does not know the time
+            state = note(state, now_s, Severity.NOTICE, "console: flight time jumped, plot starts again")
+        return replace(state, history=(sample,), history_step_s=HISTORY_STEP_S)
+    if len(history) > 1 and t - history[-2].t_gps_s < state.history_step_s:
+        return replace(state, history=(*history[:-1], _worse(history[-1], sample)))
+    history = (*history, sample)
+    step_s = state.history_step_s
+    if len(history) > MAX_HISTORY:
+        older = history[:-1]
+        pairs = zip(older[::2], older[1::2], strict=False)
+        history = (*(_worse(a, b) for a, b in pairs), *older[len(older) // 2 * 2 :], history[-1])
+        step_s *= 2.0
+    return replace(state, history=history, history_step_s=step_s)
+
+
+def _worse(earlier: Sample, later: Sample) -> Sample:
+    """The later sample, with the larger bound and the graver mode of the two; not a number is worst."""
+    bounds = (earlier.bound_m, later.bound_m)
+    worst = math.nan if any(math.isnan(b) for b in bounds) else max(bounds)
+    return later._replace(bound_m=worst, mode=max(earlier.mode, later.mode))
+
+
+def _nav(state: State, message: Any, now_s: float) -> State:
+    nav = NavState(message.t_gps_ns, math.hypot(*message.r_gcrf_m), math.hypot(*message.v_gcrf_mps), message.validity)
+    return replace(state, nav=nav, nav_s=now_s)
+
+
+def _counters(state: State, message: Any, now_s: float) -> State:
+    counters = Counters(
+        message.tick,
+        message.received,
+        message.accepted,
+        message.slips,
+        message.journal_dropped,
+        tuple(message.rejected),
+    )
+    return replace(state, counters=counters, counters_s=now_s)
+
+
+def _innovation(state: State, message: Any, now_s: float) -> State:
+    innovation = Innovation(message.nis, message.gate, message.mean_nis, bool(message.used), message.cause)
+    return replace(state, innovation=innovation, innovation_s=now_s)
+
+
+def _table(state: State, message: Any, now_s: float) -> State:
+    if message.kind != NAVIGATION_TABLE:
+        return state
+    return replace(state, table=Table(message.crc32, safe(message.set_name, 32), message.certificate))
+
+
+def _gps(state: State, message: Any, now_s: float) -> State:
+    return replace(state, satellites=message.satellites_visible, satellites_s=now_s)
+
+
+def _alert(state: State, message: Any, now_s: float) -> State:
+    key = (message.sequence, message.alert_id, message.t_gps_ns)
+    if key in state.recent_alerts:
+        return state  # a repeat of one already shown
+    last = state.alert_sequence
+    if last is not None:
+        missing = (message.sequence - last - 1) % SEQUENCES
+        if missing >= SEQUENCES // 2:
+            state = note(state, now_s, Severity.NOTICE, "console: alert numbers start again (flight restarted?)")
+        elif missing:
+            state = replace(state, alerts_lost=state.alerts_lost + missing)
+            text = f"console: {missing} alert{'s' if missing > 1 else ''} lost on the link"
+            state = note(state, now_s, Severity.WARNING, f"{text} before number {message.sequence}")
+    state = replace(
+        state,
+        alert_sequence=message.sequence,
+        recent_alerts=(*state.recent_alerts[-(RECENT_ALERTS - 1) :], key),
+    )
+    return note(state, now_s, message.severity, alert_text(message.alert_id, message.active, message.value))
+
+
+def alert_text(alert_id: int, active: int, value: float) -> str:
+    """An alert in words: flight sends a number, the words are the ground's."""
+    known = ALERTS.get(alert_id)
+    text = known.text if known else f"unknown alert {alert_id}: console older than flight?"
+    if math.isfinite(value) and value != 0.0:
+        text += f" [{value:.6g}]"
+    if not active:
+        text = f"ended: {text}"
+    return f"{text} ({known.id.name})" if known else text
+
+
+def _statustext(state: State, message: Any, now_s: float) -> State:
+    return note(state, now_s, message.severity, f"flight says: {safe(message.text)}")
+
+
+def cause_name(cause: int) -> str:
+    """Name of a rejection counter; numbers this console does not know stay visible."""
+    try:
+        return RejectCause(cause).name
+    except ValueError:
+        return f"CAUSE_{cause}"
+
+
+def active_alerts(word: int) -> list[str]:
+    """Names of the alerts whose bit is set in the `alerts` word."""
+    return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(32) if word >> i & 1]
+
+
+NAVIGATION_TABLE = 1  # kind number of the navigation table (flightsw/icd/table_schema.py)
+
+_FOLDS: dict[str, Callable[[State, Any, float], State]] = {
+    "HEARTBEAT": _heartbeat,
+    "LEONAV_INTEGRITY": _integrity,
+    "LEONAV_NAV_STATE": _nav,
+    "LEONAV_COUNTERS": _counters,
+    "LEONAV_INNOVATION": _innovation,
+    "LEONAV_TABLE_STATUS": _table,
+    "LEONAV_ALERT": _alert,
+    "GPS_RAW_INT": _gps,
+    "STATUSTEXT": _statustext,
+}

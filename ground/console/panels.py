@@ -1,0 +1,189 @@
+"""What stands in each panel of the screen, as styled text made from the state: no widgets here.
+
+Colour only repeats what words already say: a stale value carries the word STALE and its age.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from rich.text import Text
+
+from flightsw.icd.alerts import Severity
+from flightsw.icd.enums import DaSource, FlagState
+from ground.console.link import Link, Statistics
+from ground.console.model import Event, State, active_alerts, age_s, cause_name
+from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
+from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
+
+LABEL = 11
+SEVERITY_STYLES: dict[int, str] = {
+    Severity.EMERGENCY: "bold red",
+    Severity.ALERT: "bold red",
+    Severity.CRITICAL: "bold red",
+    Severity.ERROR: "red",
+    Severity.WARNING: "yellow",
+    Severity.NOTICE: "cyan",
+}
+SHORT_SEVERITIES = {0: "EMERG", 1: "ALERT", 2: "CRIT", 3: "error", 4: "warn", 5: "note", 6: "info", 7: "debug"}
+HELP_TEXT = """\
+The verdict is flight's own, withdrawn where another received value disagrees.
+
+  TRUSTED             fixes are accepted, the bound is within the limit
+  TRUSTED, COASTING   no fix for a while; the bound still covers the error
+  DO NOT USE          flag up, bound beyond the limit, or a contradiction
+  NOT READY           no state yet
+  NO LINK             silence for 3 s: nothing is known, whatever stood here
+  NO INTEGRITY DATA   messages come, but none about the error
+
+Uncertified table: no probability stands behind the bound.
+STALE and an age mark every value not renewed for 3 s.
+Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
+
+  q  quit      ?  this help      p  pause
+     a replay stands still; live, plot and events do, the verdict never
+
+any key closes this help"""
+
+
+def header(link: Link, state: State, now_s: float, paused: bool, progress: str) -> Text:
+    """One line: where the messages come from, what time it is, how the link does."""
+    text = Text("leonav ", style="bold")
+    kind = "LIVE" if link.live else "END OF LOG" if link.finished() else "REPLAY"
+    text.append(f" {link.name}  ", style="default")
+    if paused:
+        text.append(" PAUSED ", style="bold reverse yellow")
+        text.append(" ")
+    text.append(f"{kind}{' ' + progress if progress else ''}  ", style="bold cyan")
+    text.append(f"{utc_clock(now_s)} UTC  ")
+    silent_s = age_s(now_s, state.heard_s)
+    if math.isinf(silent_s):
+        text.append("link: nothing heard", style="bold red")
+    else:
+        late = silent_s > LINK_TIMEOUT_S
+        text.append(f"link {seconds(silent_s)}{' SILENT' if late else ''}", style="bold red" if late else "green")
+    return text
+
+
+def verdict(judgement: Judgement) -> Text:
+    """Two lines: the words, and the reason."""
+    text = Text(f" {judgement.word} ", style="bold reverse")
+    if judgement.certificate:
+        text.append("  ")
+        text.append(judgement.certificate, style="bold")
+    text.append(f"\n {judgement.reason}")
+    return text
+
+
+def values(state: State, now_s: float) -> Text:
+    """Label and value, one a line, each with its age when it is stale."""
+    text = Text()
+    for i, (label, value, heard_s) in enumerate(_rows(state)):
+        text.append(("\n" if i else "") + f"{label:<{LABEL}}", style="dim")
+        silent_s = age_s(now_s, heard_s)
+        if heard_s is None:
+            text.append("not received", style="dim italic")
+        elif silent_s > STALE_S:
+            # The mark stands first: it must not be what a narrow panel cuts off.
+            text.append(f"STALE {seconds(silent_s)}", style="bold yellow")
+            text.append(f" {value}", style="dim")
+        else:
+            text.append(value)
+    return text
+
+
+def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
+    i, heard_s = state.integrity, state.integrity_s
+    if i is None:
+        for label in ("mode", "bound", "limit", "fix age", "flag", "stored dA", "streak"):
+            yield label, "", None
+    else:
+        share = ""
+        if i.limit_m > 0.0 and math.isfinite(i.driving_bound_m) and i.driving_bound_m < 1e4 * i.limit_m:
+            share = f"  {percent(i.driving_bound_m / i.limit_m)}"
+        yield "mode", mode_word(i.mode), heard_s
+        yield "bound", metres(i.bound_m) + ("" if i.driver == 1 else share), heard_s
+        yield "bound 3-D", metres(i.bound_3d_m) + (share if i.driver == 1 else ""), heard_s
+        yield "limit", metres(i.limit_m), heard_s
+        yield "fix age", seconds(i.fix_age_s), heard_s
+        yield "flag", _flag(i.flag_state, i.flag_age_s), heard_s
+        yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
+        yield "streak", f"{i.accepted_streak} fixes accepted", heard_s
+    n = state.innovation
+    words = "" if n is None else f"{_plain(n.nis)} of {_plain(n.gate)}, mean {_plain(n.mean_nis)}"
+    if n is not None and not n.used:
+        words = f"{_plain(n.nis)}, refused: {cause_name(n.cause)}"
+    yield "NIS", words, state.innovation_s
+    yield "satellites", str(state.satellites), state.satellites_s
+    nav = state.nav
+    yield "radius", "" if nav is None else f"{nav.radius_m / 1e3:,.1f} km"[:16], state.nav_s
+    yield "GPS time", "" if nav is None else gps_stamp(nav.t_gps_ns), state.nav_s
+    name = state.table.set_name if state.table else "name unknown"
+    crc = "" if i is None else f"{name[:12]} {i.table_crc32:08x}"
+    yield "table", crc, heard_s
+    yield "heartbeat", seconds(0.0) if state.heartbeat_s is None else "beating", state.heartbeat_s
+
+
+def _flag(flag_state: int, flag_age_s: float) -> str:
+    known = FlagState(flag_state).name if flag_state in FlagState._value2member_map_ else f"FLAG {flag_state}"
+    return f"{known} at {seconds(flag_age_s)}" if math.isfinite(flag_age_s) else known
+
+
+def _da_source(source: int) -> str:
+    return DaSource(source).name.lower() if source in DaSource._value2member_map_ else f"source {source}"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "?"
+
+
+def events(log: tuple[Event, ...], rows: int) -> Text:
+    """The newest `rows` events, the newest last; severity as a word."""
+    text = Text()
+    if not log:
+        text.append("no events yet", style="dim")
+    for i, event in enumerate(log[-rows:] if rows > 0 else ()):
+        text.append(("\n" if i else "") + f"{utc_clock(event.t_s)} ", style="dim")
+        text.append(f"{SHORT_SEVERITIES.get(event.severity, '?'):<6}", style=SEVERITY_STYLES.get(event.severity, ""))
+        text.append(event.text)
+    return text
+
+
+def severity_word(severity: int) -> str:
+    """MAV_SEVERITY as a lower-case word; unknown numbers stay visible."""
+    known = severity in Severity._value2member_map_
+    return Severity(severity).name.lower() if known else f"sev {severity}"
+
+
+def counters(state: State, statistics: Statistics, now_s: float, rows: int) -> Text:
+    """Counts of flight's inputs by cause, and of the link's own troubles."""
+    text = Text()
+    c = state.counters
+    if c is None:
+        text.append("flight: not received", style="dim italic")
+    else:
+        text.append(f"accepted {c.accepted:,} of {c.received:,}")
+        if age_s(now_s, state.counters_s) > 4 * STALE_S:
+            text.append(f" STALE {seconds(age_s(now_s, state.counters_s))}", style="bold yellow")
+        text.append(f"\nslips {c.slips:,}, journal lost {c.journal_dropped:,}")
+        ranked = sorted(((n, k) for k, n in enumerate(c.rejected) if n), reverse=True)
+        shown = max(1, rows - 3) if ranked else 1
+        if not ranked:
+            text.append("\nnothing rejected", style="green")
+        for n, k in ranked[:shown]:
+            text.append(f"\n{cause_name(k):<17} {n:>9,}", style="yellow")
+        if len(ranked) > shown:
+            text.append(f"  +{len(ranked) - shown} more", style="yellow")
+    s = statistics
+    text.append(f"\nlink: lost {s.lost:,} bad {s.damaged:,} unknown {s.unknown:,}", style="dim")
+    return text
+
+
+def alerts_line(state: State) -> str:
+    """Names of the alerts active now, and how many were lost on the way."""
+    if state.integrity is None:
+        return ""
+    active = active_alerts(state.integrity.alerts)
+    lost = f"; {state.alerts_lost} lost on the link" if state.alerts_lost else ""
+    return ("active: " + ", ".join(active) if active else "none active") + lost
