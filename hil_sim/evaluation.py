@@ -106,7 +106,8 @@ def _outage(
     first = int(np.searchsorted(t, last_fix_ns, side="right"))
     limit = int(np.searchsorted(t, next_ns))
     fix_ns = t - np.nan_to_num(record.fix_age_s, nan=1e9) * 1e9
-    accepted_again = _first(np.flatnonzero((t >= end_ns) & (fix_ns >= end_ns - 1e6)), limit)
+    # the age is by the onboard clock, which has drifted: the middle of the outage parts old fixes from new
+    accepted_again = _first(np.flatnonzero((t >= end_ns) & (fix_ns > (start_ns + end_ns) / 2)), limit)
     stop = accepted_again if accepted_again is not None else limit
     window = np.arange(first, stop)
     age_s = (t - last_fix_ns) / 1e9

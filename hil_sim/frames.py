@@ -44,13 +44,13 @@ def encode(fixes: FixSeries, pulses: PulseSeries) -> FrameSeries:
     kinds: list[str] = []
     payloads: list[bytes] = []
     true, arrival = [], []
-    for kind, rows, counter, series in (
+    for kind, records, counter, series in (
         ("sync", _pulse_records(pulses), pulses.counter, pulses),
         ("position", _position_records(fixes), fixes.counter_position, fixes),
         ("velocity", _velocity_records(fixes), fixes.counter_velocity, fixes),
     ):
         sent = np.flatnonzero(series.sent)
-        payloads += _sealed(_LAYOUTS[kind], rows[sent], counter[sent])
+        payloads += _sealed(_LAYOUTS[kind], records, sent, counter[sent])
         kinds += [kind] * len(sent)
         true.append(series.t_true_gps_ns[sent])
         arrival.append(series.arrival_gps_ns[sent])
@@ -64,9 +64,11 @@ def encode(fixes: FixSeries, pulses: PulseSeries) -> FrameSeries:
     )
 
 
-def _sealed(layout: FrameLayout, records: np.ndarray, counters: np.ndarray) -> list[bytes]:
+def _sealed(layout: FrameLayout, records: np.ndarray, rows: np.ndarray, counters: np.ndarray) -> list[bytes]:
+    """Frames of the given rows. The rows are copied as bytes: numpy leaves the unused bytes of a copied record as
+    they were in memory, and the CRC covers them."""
     buffer, _ = new_buffer(layout)
-    raw = records.tobytes()
+    raw = records.view(np.uint8).reshape(len(records), layout.length)[rows].tobytes()
     payloads = []
     for i, counter in enumerate(counters.tolist()):
         buffer[:] = raw[i * layout.length : (i + 1) * layout.length]

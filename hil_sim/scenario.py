@@ -6,6 +6,7 @@ Every refusal names the file (or --set), the key and the remedy.
 from __future__ import annotations
 
 import difflib
+import json
 import os
 import re
 import tomllib
@@ -289,6 +290,13 @@ def _section_type(key: str) -> type[Section]:
     raise KeyError(key)
 
 
+def _is_section(key: str) -> bool:
+    try:
+        return bool(_section_type(key))
+    except KeyError:
+        return False
+
+
 def _unknown_keys(tree: dict[str, Any]) -> Iterator[str]:
     for key, value in tree.items():
         if key not in Scenario.__struct_fields__:
@@ -297,7 +305,7 @@ def _unknown_keys(tree: dict[str, Any]) -> Iterator[str]:
         tables = value if key in _ITEMS and isinstance(value, list) else [value]
         for i, table in enumerate(tables):
             prefix = f"{key}.{i}" if key in _ITEMS else key
-            if isinstance(table, dict):
+            if isinstance(table, dict) and _is_section(key):
                 known = _section_type(key).__struct_fields__
                 yield from (f"{prefix}.{k}" for k in table if k not in known)
 
@@ -338,7 +346,9 @@ def _toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f'"{value}"'
+        return json.dumps(value, ensure_ascii=False)
     if isinstance(value, float):
         return f"{value:.12g}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
     return str(value)

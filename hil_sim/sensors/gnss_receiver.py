@@ -18,6 +18,9 @@ from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.interface import Truth
 
 FIX_3D = 3
+# no receiver claims to be perfect
+MINIMUM_SIGMA_M = 1e-3
+MINIMUM_SIGMA_MPS = 1e-5
 MINIMUM_SYNC_SIGMA_NS = 1.0
 
 
@@ -98,7 +101,7 @@ def measure_fixes(
     noise_m += coloured_noise(streams.coloured_noise, n, 1.0 / gnss.rate_hz, gnss.coloured_sigma_m, gnss.coloured_tau_s)
     matrices, _ = orientation.rotations(t)
     dropped = streams.dropouts.random(n) < gnss.dropout_probability
-    sigma_m = float(np.hypot(gnss.sigma_position_m, gnss.coloured_sigma_m))
+    sigma_m = max(float(np.hypot(gnss.sigma_position_m, gnss.coloured_sigma_m)), MINIMUM_SIGMA_M)
     sent = ~(dropped | in_outage(t, outages, t_start_gps_ns))
     counter = count_sent(sent)
     return FixSeries(
@@ -110,7 +113,7 @@ def measure_fixes(
         r_itrf_m=r_itrf_m + noise_m,
         v_itrf_mps=v_itrf_mps + gnss.sigma_velocity_mps * streams.velocity_noise.standard_normal((n, 3)),
         sigma_r_m=np.full((n, 3), sigma_m),
-        sigma_v_mps=np.full((n, 3), gnss.sigma_velocity_mps),
+        sigma_v_mps=np.full((n, 3), max(gnss.sigma_velocity_mps, MINIMUM_SIGMA_MPS)),
         satellites=np.full(n, gnss.satellites, dtype=np.uint8),
         fix_type=np.full(n, FIX_3D, dtype=np.uint8),
         counter_position=counter,

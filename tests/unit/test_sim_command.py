@@ -1,0 +1,53 @@
+"""`python -m hil_sim`: what it prints and how it exits."""
+
+import subprocess
+import sys
+
+import pytest
+
+from hil_sim.__main__ import main
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert names == ["gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"]
+
+
+def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "nominal", "--set", "seed=7"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines if line.startswith("seed ")] == [["seed", "7", "--set"]]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["show", "nomnal"],
+        ["show", "nominal", "--set", "gnss.sigma=1"],
+        ["run", "nominal", "--set", "seed=one"],
+        ["show", "absent.toml"],
+    ],
+)
+def test_refusals_take_one_line_and_exit_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("hil_sim: ")
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["run"], ["show", "nominal", "--sett", "seed=1"]])
+def test_usage_errors_exit_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "usage" in capsys.readouterr().err
+
+
+def test_help_needs_no_simulation_library() -> None:
+    """`--help` is there even before the extras are installed."""
+    code = "import sys; import hil_sim.__main__ as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    code += "print(sorted({'numpy', 'satkit', 'erfa', 'numba', 'msgspec'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == "[]"
