@@ -12,11 +12,15 @@ import can
 import numpy as np
 
 from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
+from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.errors import BusError
 
 SEND_TIMEOUT_S = 1.0  # a full queue of python-can's virtual bus blocks for ever without one
 RECEIVE_QUEUE_FRAMES = 4096
 _serial = itertools.count()
+_NAV_ID, _NAV_LENGTH = NAV_STATE.frame_id, NAV_STATE.length
+_INTEGRITY_ID, _INTEGRITY_LENGTH = INTEGRITY.frame_id, INTEGRITY.length
+_HEARTBEAT_ID = FLIGHT_HEARTBEAT.frame_id
 
 
 class VirtualBusPair:
@@ -87,18 +91,18 @@ class Monitor:
         row = self.rows
         if row >= self._capacity:
             raise BusError(f"flight published more than the {self._capacity} ticks of the run")
-        if frame_id == 0x200:
-            if _intact(data, 62, NAV_STATE.data_id_bytes):
-                self._nav[row * 64 : row * 64 + 64] = data
+        if frame_id == _NAV_ID:
+            if _intact(data, NAV_STATE):
+                self._nav[row * _NAV_LENGTH : (row + 1) * _NAV_LENGTH] = data
                 self._has_nav[row] = 1
                 return
-        elif frame_id == 0x201:
-            if _intact(data, 62, INTEGRITY.data_id_bytes):
-                self._integrity[row * 64 : row * 64 + 64] = data
+        elif frame_id == _INTEGRITY_ID:
+            if _intact(data, INTEGRITY):
+                self._integrity[row * _INTEGRITY_LENGTH : (row + 1) * _INTEGRITY_LENGTH] = data
                 self._has_integrity[row] = 1
                 return
-        elif frame_id == 0x202:
-            if _intact(data, 30, FLIGHT_HEARTBEAT.data_id_bytes):
+        elif frame_id == _HEARTBEAT_ID:
+            if _intact(data, FLIGHT_HEARTBEAT):
                 self._tick[row] = int.from_bytes(data[:8], "little")
                 self.rows = row + 1
                 return
@@ -123,8 +127,9 @@ class Monitor:
         np.savez(path, **self.records())  # type: ignore[arg-type]
 
 
-def _intact(data: bytearray, crc_at: int, data_id_bytes: bytes) -> bool:
-    if len(data) != crc_at + 2:
+def _intact(data: bytearray, layout: FrameLayout) -> bool:
+    if len(data) != layout.length:
         return False
-    crc = crc_hqx(data_id_bytes, crc_hqx(data[:crc_at], 0xFFFF))
-    return data[crc_at] == crc & 0xFF and data[crc_at + 1] == crc >> 8
+    at = layout.crc_offset
+    crc = crc_hqx(layout.data_id_bytes, crc_hqx(data[:at], 0xFFFF))
+    return data[at] == crc & 0xFF and data[at + 1] == crc >> 8

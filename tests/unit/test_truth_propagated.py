@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -108,6 +109,18 @@ def test_space_weather_is_loaded_anew_for_every_truth(truth) -> None:
     again = propagated.propagate(ORBIT_500_KM, TruthModel(), T0_NS, 6000 * SECONDS)
     t = T0_NS + np.arange(0, 6000, 100) * SECONDS
     assert np.array_equal(again.state_gcrf(t)[0], truth.state_gcrf(t)[0])
+
+
+def test_threads_do_not_mix_their_space_weather() -> None:
+    """satkit keeps one space-weather table a process; truths built at once come out as built one by one."""
+    models = [TruthModel(solar=f"fixed:{flux}") for flux in (70, 150, 250)] * 3
+    t = T0_NS + np.array([5000 * SECONDS])
+
+    def end(model: TruthModel) -> list[float]:
+        return propagated.propagate(ORBIT_500_KM, model, T0_NS, 5000 * SECONDS).state_gcrf(t)[0][0].tolist()
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(end, models)) == [end(model) for model in models]
 
 
 def test_span_without_daily_space_weather_is_refused_unless_fixed() -> None:
