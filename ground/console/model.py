@@ -23,6 +23,7 @@ HISTORY_STEP_S = 1.0
 HISTORY_RESTART_S = 86_400.0  # a jump of flight time beyond this is another run
 SEQUENCES = 1 << 32
 RECENT_ALERTS = 64
+NO_CAUSE = 0xFF
 
 
 class Event(NamedTuple):
@@ -90,12 +91,13 @@ class Counters(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """LEONAV_INNOVATION: what the last fix looked like to the filter."""
+    """LEONAV_INNOVATION: what the last fix looked like to the filter; flight repeats it until the next fix."""
 
+    t_gps_ns: int
     nis: float
     gate: float
     mean_nis: float
-    used: bool
+    used: int
     cause: int
 
 
@@ -209,7 +211,9 @@ def _counters(state: State, message: Any, now_s: float) -> State:
 
 
 def _innovation(state: State, message: Any, now_s: float) -> State:
-    innovation = Innovation(message.nis, message.gate, message.mean_nis, bool(message.used), message.cause)
+    innovation = Innovation(*(getattr(message, name) for name in Innovation._fields))
+    if state.innovation is not None and state.innovation.t_gps_ns == innovation.t_gps_ns:
+        return state  # a repeat must not make an old fix look fresh
     return replace(state, innovation=innovation, innovation_s=now_s)
 
 
@@ -256,11 +260,19 @@ def alert_text(alert_id: int, active: int, value: float) -> str:
 
 
 def _statustext(state: State, message: Any, now_s: float) -> State:
-    return note(state, now_s, message.severity, f"flight says: {safe(message.text)}")
+    text = safe(message.text)
+    if text in ALERT_TEXTS:
+        # Flight sends an alert's words too, for stations without this dialect: shown here only if it was lost.
+        shown = (e for e in state.events[-8:] if now_s - e.t_s <= REPEAT_S and e.text.startswith(text))
+        if next(shown, None) is not None:
+            return state
+    return note(state, now_s, message.severity, f"flight says: {text}")
 
 
 def cause_name(cause: int) -> str:
     """Name of a rejection counter; numbers this console does not know stay visible."""
+    if cause == NO_CAUSE:
+        return "cause not given"
     try:
         return RejectCause(cause).name
     except ValueError:
@@ -272,6 +284,8 @@ def active_alerts(word: int) -> list[str]:
     return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(32) if word >> i & 1]
 
 
+ALERT_TEXTS = frozenset(alert.text for alert in ALERTS.values())
+REPEAT_S = 2.0
 NAVIGATION_TABLE = 1  # kind number of the navigation table (flightsw/icd/table_schema.py)
 
 _FOLDS: dict[str, Callable[[State, Any, float], State]] = {

@@ -115,7 +115,9 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     if n is not None and not n.used:
         words = f"{_plain(n.nis)}, refused: {cause_name(n.cause)}"
     yield "NIS", words, state.innovation_s
-    yield "satellites", str(state.satellites), state.satellites_s
+    # GPS_RAW_INT is repeated like the innovation and carries no time of its own.
+    fix_s = state.satellites_s if n is None else state.innovation_s
+    yield "satellites", "" if state.satellites is None else str(state.satellites), fix_s
     nav = state.nav
     yield "radius", "" if nav is None else f"{nav.radius_m / 1e3:,.1f} km"[:16], state.nav_s
     yield "GPS time", "" if nav is None else gps_stamp(nav.t_gps_ns), state.nav_s

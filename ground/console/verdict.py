@@ -91,8 +91,8 @@ def _weigh(i: Integrity, state_refused: bool) -> tuple[str, str, Level]:
     if i.verdict == Verdict.NOT_READY:
         return "NOT READY", f"no state yet: {i.accepted_streak} fixes accepted in a row", Level.CAUTION
     if i.flag_state == FlagState.RAISED:
-        if i.mode == Mode.INTEGRATED:
-            reason = f"failure flag still up: {against}, {i.accepted_streak} fixes accepted since"
+        if i.accepted_streak > 0 and i.outage_age_s == 0.0:
+            reason = f"failure flag still up: {against}, {i.accepted_streak} fixes accepted in a row"
         else:
             reason = f"failure flag raised {seconds(i.flag_age_s)} after the last fix: {against}"
         return "DO NOT USE", reason, Level.BAD

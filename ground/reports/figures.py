@@ -20,6 +20,7 @@ from ground.reports.overview import overview
 from ground.reports.run_folder import Outage, Run, load_run
 
 MAX_OUTAGE_PANELS = 3
+SETTLING_S = 600.0
 ERROR_SPAN_LINEAR_M = 100.0  # above this a figure over several decades needs a symmetric logarithm
 
 
@@ -271,8 +272,8 @@ def _mark_flags(axes: Axes, run: Run, unit_s: float) -> None:
 
 
 def _settled(run: Run, integrated: np.ndarray) -> np.ndarray:
-    """INTEGRATED epochs without the first tenth of an hour: how the filter starts must not set the scale."""
-    settled = integrated & (run.t_s > run.t_s[0] + 360.0)
+    """INTEGRATED epochs without the first ten minutes: how the filter starts must not set the scale."""
+    settled = integrated & (run.t_s > run.t_s[0] + SETTLING_S)
     return settled if settled.any() else integrated
 
 

@@ -29,9 +29,9 @@ class NotARun(OperatorError):
 class Outage:
     """One GNSS outage of the run, in seconds since the first tick (true time).
 
-    `last_fix_s` is the instant of the last accepted fix, from which every age is counted. `flag_s` and
-    `crossed_s` are None when the flag was not raised, or the error did not reach the limit, before
-    the run or the next outage ended it.
+    `last_fix_s` is the instant of the last accepted fix, from which every age is counted. `flag_s` (the flag
+    not CLEAR) and `crossed_s` (error above the limit) are None when that did not happen between then and the
+    first fix accepted again.
     """
 
     start_s: float
@@ -136,6 +136,14 @@ def _align(
     _, in_truth, in_monitor = np.intersect1d(truth["tick"], monitor["tick"], return_indices=True)
     if in_truth.size == 0:
         raise ValueError("no tick in common")
+    # A tick on which flight published nothing offers no data; its row holds zeros.
+    heard = np.ones(in_monitor.size, dtype=bool)
+    for name in ("has_nav", "has_integrity"):
+        if name in monitor:
+            heard &= monitor[name][in_monitor].astype(bool)
+    in_truth, in_monitor = in_truth[heard], in_monitor[heard]
+    if in_truth.size == 0:
+        raise ValueError("nothing was published")
     nav = monitor["nav"][in_monitor]
     integrity = monitor["integrity"][in_monitor]
     # The axis starts at the first tick of the world, also when the monitor heard flight only later.
@@ -187,22 +195,22 @@ def _outages(
 ) -> Iterator[Outage]:
     for i, (start_s, end_s) in enumerate(spans):
         until_s = spans[i + 1, 0] if i + 1 < len(spans) else np.inf
-        inside = (t_s >= start_s) & (t_s < until_s)
-        raised = inside & (flag == FlagState.RAISED)
-        crossed = inside & (t_s <= end_s) & (error_m > limit_m)
-        flag_s = _first(t_s, raised)
-        serving = (t_s > end_s) & (t_s < until_s) & (mode == Mode.INTEGRATED) & (flag == FlagState.CLEAR)
-        aged = np.flatnonzero(inside & np.isfinite(fix_age_s))
+        aged = np.flatnonzero((t_s >= start_s) & (t_s < until_s) & np.isfinite(fix_age_s))
         last_fix_s = float(start_s)
         if aged.size and 0.0 <= fix_age_s[aged[0]] < 60.0:
-            last_fix_s = float(t_s[aged[0]] - fix_age_s[aged[0]])
+            last_fix_s = min(last_fix_s, float(t_s[aged[0]] - fix_age_s[aged[0]]))
+        with np.errstate(invalid="ignore"):
+            accepted_again = (t_s >= end_s) & (t_s < until_s) & (t_s - fix_age_s >= end_s - 1e-3)
+        again_s = _first(t_s, accepted_again)
+        inside = (t_s > last_fix_s) & (t_s < (until_s if again_s is None else again_s))
+        serving = (mode == Mode.INTEGRATED) & (flag == FlagState.CLEAR) & (t_s < until_s)
         yield Outage(
             start_s=float(start_s),
             end_s=float(end_s),
             last_fix_s=last_fix_s,
-            flag_s=flag_s,
-            crossed_s=_first(t_s, crossed),
-            back_in_service_s=_first(t_s, serving),
+            flag_s=_first(t_s, inside & (flag != FlagState.CLEAR)),
+            crossed_s=_first(t_s, inside & (error_m > limit_m)),
+            back_in_service_s=None if again_s is None else _first(t_s, serving & (t_s >= again_s)),
         )
 
 

@@ -115,10 +115,9 @@ def _outage_story(outage: Mapping[str, Any], prefix: str, simulated_s: float | N
     if flag_s is None:
         text += "No flag was raised"
     else:
-        text += (
-            f"After {_seconds(flag_s)} the bound reached {_metres(_number(outage, 'bound_at_flag_m'))} "
-            "and the flag was raised"
-        )
+        bound_m = _number(outage, "bound_at_flag_m")
+        reached = "" if bound_m is None else f"the bound reached {_metres(bound_m)} and "
+        text += f"After {_seconds(flag_s)} {reached}the flag was raised"
     if crossed_s is None:
         text += f"; the error never passed {eps}."
     elif flag_s is None:
@@ -203,7 +202,9 @@ def _footing(summary: Mapping[str, Any]) -> Iterator[str]:
 
 def _fault(summary: Mapping[str, Any]) -> str:
     """Text of `fault_of_table`, at the top of the summary or in an outage; empty when there is none."""
-    found = [summary.get("fault_of_table"), *(o.get("fault_of_table") for o in _outages(summary))]
+    found = [summary.get("fault_of_table")]
+    if not found[0]:
+        found = [outage.get("fault_of_table") for outage in _outages(summary)]
     return " ".join(dict.fromkeys(_sentence(item) for item in found if item))
 
 

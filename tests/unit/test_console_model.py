@@ -153,6 +153,23 @@ def test_alerts_are_worded_on_the_ground_and_repeats_shown_once() -> None:
     assert state.events[0].severity == 2
 
 
+def test_the_words_of_an_alert_are_shown_once_but_not_lost_with_it() -> None:
+    """GIVEN flight's alert and its STATUSTEXT THEN one line; GIVEN the text alone THEN that line."""
+    words = mavlink.MAVLink_statustext_message(4, b"GNSS lost: navigating alone")
+
+    assert len(after(alert(0, 4, 4), words).events) == 1
+    assert after(words).events[0].text == "flight says: GNSS lost: navigating alone"
+
+
+def test_a_repeated_innovation_does_not_look_fresh() -> None:
+    def innovation(t_gps_ns: int) -> Any:
+        return mavlink.MAVLink_leonav_innovation_message(t_gps_ns, [0] * 6, [1] * 6, 5.0, 22.0, 6.0, 1, 255)
+
+    state = after(innovation(5), now_s=10.0)
+    assert after(innovation(5), state=state, now_s=60.0).innovation_s == 10.0
+    assert after(innovation(6), state=state, now_s=60.0).innovation_s == 60.0
+
+
 def test_lost_alerts_are_noticed() -> None:
     state = after(alert(3, 11, 5), alert(4, 7, 6), alert(7, 1, 2))
 

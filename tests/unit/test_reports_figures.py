@@ -127,6 +127,20 @@ def test_nothing_is_read_as_an_error_before_flight_has_a_state(tmp_path: Path) -
     assert np.isfinite(run.error_m[~starting]).all()
 
 
+def test_ticks_without_output_are_left_out(tmp_path: Path) -> None:
+    """GIVEN ticks on which nothing was published (rows of zeros) THEN they are no error of 6800 km."""
+    run_dir = write_run(tmp_path)
+    monitor = dict(np.load(run_dir / "monitor.npz"))
+    monitor["has_nav"] = np.arange(monitor["tick"].size) % 7 != 0
+    monitor["nav"][~monitor["has_nav"]] = np.zeros((), NAV_STATE.dtype)
+    monitor["nav"]["validity"] = Validity.INITIALISED
+    np.savez(run_dir / "monitor.npz", **monitor)
+    run = load_run(run_dir)
+
+    assert run.t_s.size == np.count_nonzero(monitor["has_nav"])
+    assert np.nanmax(run.error_m[run.t_s > 100.0]) < 13_000.0
+
+
 def test_a_run_without_outage_and_without_estimate_is_drawn(tmp_path: Path) -> None:
     run_dir = write_run(tmp_path, outage=False, estimate=False)
 
