@@ -175,9 +175,13 @@ def outage_error_and_bound(run: Run) -> Figure:
         f"{run.scenario}: {_outage_story(shown[0])}{more}",
         sharex=False,
     )
-    figure.subplots_adjust(top=0.79, hspace=0.75)
+    figure.subplots_adjust(hspace=0.75)
     for i, (panel, outage) in enumerate(zip(axes, shown, strict=True)):
-        _draw_outage(panel, run, outage)
+        labels = _draw_outage(panel, run, outage)
+        if i == 0:
+            figure.subplots_adjust(top=style.head_room(labels))
+        style.name_events(panel, labels)
+        panel.set_ylabel("position error" if len(shown) == 1 else f"error, outage {i + 1}")
         if i == 0:
             style.legend_in_header(figure, panel)
         if i + 1 < len(shown):
@@ -185,12 +189,13 @@ def outage_error_and_bound(run: Run) -> Figure:
     return figure
 
 
-def _draw_outage(axes: Axes, run: Run, outage: Outage) -> None:
+def _draw_outage(axes: Axes, run: Run, outage: Outage) -> list[style.Label]:
+    """Draw all but the event labels, which need the panel's final place; returns where they go."""
     stop_s = min(outage.end_s + 0.05 * (outage.end_s - outage.start_s), run.t_s[-1])
     window = (run.t_s >= outage.start_s - 0.02 * (outage.end_s - outage.start_s)) & (run.t_s <= stop_s)
     age_s = run.t_s[window] - outage.last_fix_s
     if age_s.size < 2:
-        return
+        return []
     unit_s = style.time_axis(axes, age_s[0], age_s[-1], "age of the last accepted fix before the outage")
     error, bound, limit = run.error_gcrf_m[window], run.bound_m[window], run.limit_typical_m
     inside = run.t_s[window] <= outage.end_s
@@ -226,9 +231,8 @@ def _draw_outage(axes: Axes, run: Run, outage: Outage) -> None:
     for i, name in enumerate(style.AXIS_NAMES):
         t, e = style.thin(age_s, error[:, i])
         axes.plot(t / unit_s, e, color=style.AXIS_COLOURS[i], ls=("-", "--", "-.")[i], label=f"error {name}")
-    style.name_events(axes, _outage_events(outage, unit_s))
     style.metres_ticks(axes)
-    axes.set_ylabel("position error")
+    return style.place_events(axes, _outage_events(outage, unit_s))
 
 
 def _outage_events(outage: Outage, unit_s: float) -> Iterator[style.Event]:

@@ -20,8 +20,9 @@ SHORT_WORDS = {Mode.INTEGRATED: "INTEGR.", Mode.AUTONOMOUS: "AUTO"}
 def overview(run: Run) -> Figure:
     """Bound against error and limit over the run; modes as coloured bands; outages, flag, crossing named."""
     figure, (axes,) = style.new_figure(1, _title(run), _subtitle(run))
-    figure.subplots_adjust(top=0.715, bottom=0.175)
     unit_s = style.time_axis(axes, run.t_s[0], run.t_s[-1], "time since start")
+    labels = style.place_events(axes, _events(run, unit_s))
+    figure.subplots_adjust(top=style.head_room(labels), bottom=0.175)
     error, bound = run.error_m, run.bound_m
     axes.set_yscale("log")
     e = style.buckets(run.t_s, np.where(error > 0.0, error, np.nan))
@@ -38,7 +39,7 @@ def overview(run: Run) -> Figure:
     for start_s, stop_s, mode in _spans(run):
         axes.axvspan(start_s / unit_s, stop_s / unit_s, color=_shade(mode), alpha=0.38, lw=0, zorder=0)
     _ribbon(figure, axes, run, unit_s)
-    style.name_events(axes, _events(run, unit_s))
+    style.name_events(axes, labels)
     style.legend_in_header(figure, axes)
     return figure
 
@@ -52,6 +53,8 @@ def _subtitle(run: Run) -> str:
         return "no GNSS outage in this run"
     outage = run.outages[0]
     length = f"GNSS lost for {outage.end_s - outage.start_s:.0f} s"
+    if len(run.outages) > 1:
+        length = f"first of {len(run.outages)} outages: {length}"
     if outage.flag_s is None and outage.crossed_s is None:
         return f"{length}; the error stays within the limit and the flag stays down"
     if outage.flag_s is None:

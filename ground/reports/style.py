@@ -27,6 +27,7 @@ MODE_SHADES = ("#e3e6ea", "#c9e7d8", "#ffe3b3", "#f6c1c1")  # INIT, INTEGRATED, 
 FIGURE_INCHES = (11.0, 6.2)
 DPI = 120
 EVENT_CHARACTER_PT = 5.9  # mean width of a bold character at the size of event labels
+EVENT_ROW_PT = 14.0
 POINTS = 1600  # of a thinned line: about the pixels across a figure
 
 _RC: Any = {
@@ -174,23 +175,48 @@ class Event(NamedTuple):
     colour: str
 
 
-def name_events(axes: Axes, events: Iterable[Event]) -> None:
-    """Vertical lines with labels in rows above the panel; no line runs through another label's words."""
-    figure = axes.figure
-    height_pt = 72.0 * axes.get_position().height * figure.get_figheight()  # type: ignore[union-attr]
-    width_pt = 72.0 * axes.get_position().width * figure.get_figwidth()  # type: ignore[union-attr]
+class Label(NamedTuple):
+    """Where an event's words go: position of its line and row above the panel, words left of the line or not."""
+
+    event: Event
+    at: float
+    row: int
+    leftward: bool
+
+
+def place_events(axes: Axes, events: Iterable[Event]) -> list[Label]:
+    """Rows for the labels such that no line runs through another label's words."""
+    width_pt = 72.0 * axes.get_position().width * FIGURE_INCHES[0]
     low, high = axes.get_xlim()
-    placed: list[tuple[float, float, float, int]] = []  # line, left end, right end, row
+    placed: list[Label] = []
+    spans: list[tuple[float, float]] = []
     # From the right: a label reaches over later lines, so it must stand above them.
     for event in sorted(events, reverse=True):
         at = (event.x - low) / (high - low)
         width = (EVENT_CHARACTER_PT * len(event.text) + 8.0) / width_pt
         leftward = at + width > 1.02
         start, stop = (at - width, at) if leftward else (at, at + width)
-        touched = (row for x, a, b, row in placed if start <= x <= stop or (a < stop and start < b))
-        row = 1 + max(touched, default=-1)
-        placed.append((at, start, stop, row))
-        y = 1.0 + (9.0 + 14.0 * row) / height_pt
+        touched = (
+            label.row
+            for label, (a, b) in zip(placed, spans, strict=True)
+            if start <= label.at <= stop or (a < stop and start < b)
+        )
+        placed.append(Label(event, at, 1 + max(touched, default=-1), leftward))
+        spans.append((start, stop))
+    return placed
+
+
+def head_room(labels: list[Label]) -> float:
+    """Top of a panel, as a fraction of the figure, that leaves room for these labels under the header."""
+    rows = max((label.row + 1 for label in labels), default=0)
+    return 0.875 - (EVENT_ROW_PT * rows + 6.0) / (72.0 * FIGURE_INCHES[1])
+
+
+def name_events(axes: Axes, labels: list[Label]) -> None:
+    """Vertical lines with words in rows above the panel."""
+    height_pt = 72.0 * axes.get_position().height * FIGURE_INCHES[1]
+    for event, at, row, leftward in labels:
+        y = 1.0 + (9.0 + EVENT_ROW_PT * row) / height_pt
         axes.plot(
             [at, at],
             [0.0, y + 5.0 / height_pt],
