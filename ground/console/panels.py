@@ -121,7 +121,9 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     nav = state.nav
     yield "radius", "" if nav is None else f"{nav.radius_m / 1e3:,.1f} km"[:16], state.nav_s
     yield "GPS time", "" if nav is None else gps_stamp(nav.t_gps_ns), state.nav_s
-    name = state.table.set_name if state.table else "name unknown"
+    # The name comes once a minute, the CRC with every integrity: a name of another CRC is out of date.
+    named = state.table is not None and i is not None and state.table.crc32 == i.table_crc32
+    name = state.table.set_name if named and state.table else "name unknown"
     crc = "" if i is None else f"{name[:12]} {i.table_crc32:08x}"
     yield "table", crc, heard_s
     yield "heartbeat", seconds(0.0) if state.heartbeat_s is None else "beating", state.heartbeat_s

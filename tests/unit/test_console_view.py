@@ -234,6 +234,23 @@ def test_a_log_shows_the_same_verdicts_as_the_live_link(tmp_path: Path) -> None:
     assert words["live"] == words["log"]
 
 
+def test_the_name_of_a_table_goes_with_its_crc() -> None:
+    """GIVEN integrity under another CRC than the last table status THEN the old name is not shown with it."""
+    link = ScriptedLink()
+
+    async def script(pilot: Any, app: ConsoleApp) -> None:
+        link.tell(0, 10)
+        app.step()
+        await pilot.pause()
+        assert "table      paper_1m 1234abcd" in screen_text(app)
+        link.say(integrity(table_crc32=0xFEEDF00D))
+        app.step()
+        await pilot.pause()
+        assert "table      name unknown feedf00d" in screen_text(app)
+
+    drive(link, script)
+
+
 def test_hostile_messages_do_not_break_the_drawing() -> None:
     """GIVEN values at the ends of their types WHEN drawn THEN no exception, and no trust."""
     link = ScriptedLink()
