@@ -53,8 +53,7 @@ NAV = np.dtype(
         ("P_bound_ahead", "f8", (STATES, STATES)),
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("pole_known", "i8"),
-        ("fix_sigma_m", "f8"),  # position sigma the last accepted fix was taken with
-        ("row", "i8"),  # row of (17) in force
+        ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late
         ("history_first", "i8"),
         ("history_count", "i8"),

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-MAX_AUTONOMOUS_ROWS = 4
+MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160
 EARTH_ORIENTATION_COLUMNS = 6  # X, Y, s, xp, yp [rad], UT1 - GPS [s]
 MAX_STORED_ACCELERATION_BINS = 1440
@@ -58,6 +58,11 @@ def _whole(name: str, unit: str, low: int, high: int, default: int | None, why: 
     return Field(name, "i8", (), unit, low, high, default, why)
 
 
+def _row(name: str, unit: str, low: float, high: float, default: float, why: str) -> Field:
+    """A column over the tuning rows; rows beyond `tuning_rows` hold the default and are never read."""
+    return _real("tuning_" + name, unit, low, high, default, why, MAX_TUNING_ROWS)
+
+
 def _group(name: str, *fields: Field) -> tuple[Field, ...]:
     return tuple(field._replace(group=name) for field in fields)
 
@@ -85,22 +90,9 @@ NAVIGATION = Schema(
                 0,
                 "the paper's explicit Euler, or classical Runge-Kutta",
             ),
-            _real(
-                "earth_rotation_radps",
-                "rad/s",
-                7.2e-5,
-                7.3e-5,
-                7.292115146706979e-5,
-                "IERS nominal rate of the ERA",
-            ),
         ),
         *_group(
             "filter",  # equations (5)-(10)
-            _real("q_r_m2", "m2 per step", 0.0, 1e12, None, "process noise on position, integrated mode"),
-            _real("q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, None, "process noise on velocity, integrated mode"),
-            _real("q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, None, "process noise on dA, integrated mode"),
-            _real("sigma_r_floor_m", "m", 1e-3, 1e6, None, "a fix is never taken as better than this"),
-            _real("sigma_v_floor_mps", "m/s", 1e-5, 1e4, None, "a fix is never taken as better than this"),
             _real(
                 "da_max_mps2",
                 "m/s2",
@@ -120,22 +112,19 @@ NAVIGATION = Schema(
             ),
         ),
         *_group(
-            "autonomous",  # equation (17): rows chosen by the sigma of the fixes
-            _whole("autonomous_rows", "count", 1, MAX_AUTONOMOUS_ROWS, None, "rows in use"),
-            _real(
-                "autonomous_sigma_fix_m",
-                "m",
-                0.0,
-                1e6,
-                0.0,
-                "a row serves fixes up to this sigma",
-                MAX_AUTONOMOUS_ROWS,
-            ),
-            _real("autonomous_q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "q_R of (17)", MAX_AUTONOMOUS_ROWS),
-            _real("autonomous_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)", MAX_AUTONOMOUS_ROWS),
-            _real("autonomous_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)", MAX_AUTONOMOUS_ROWS),
-            _real("autonomous_s_r_m", "m", 1e-3, 1e12, 1e12, "s_R of (17)", MAX_AUTONOMOUS_ROWS),
-            _real("autonomous_s_v_mps", "m/s", 1e-5, 1e12, 1e12, "s_V of (17)", MAX_AUTONOMOUS_ROWS),
+            "tuning",  # Table 1 of the paper: rows chosen by the position sigma that fixes claim
+            _whole("tuning_rows", "count", 1, MAX_TUNING_ROWS, None, "rows in use"),
+            _row("sigma_fix_m", "m", 0.0, 1e6, 0.0, "the row serves fixes up to this sigma; the last also worse ones"),
+            _row("q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "process noise on position in (7)"),
+            _row("q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "process noise on velocity in (7)"),
+            _row("q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "process noise on dA in (7)"),
+            _row("sigma_r_floor_m", "m", 1e-3, 1e6, 1e6, "in (5) a fix is never taken as better than this"),
+            _row("sigma_v_floor_mps", "m/s", 1e-5, 1e4, 1e4, "in (5) a fix is never taken as better than this"),
+            _row("bound_q_r_m2", "m2 per step", 0.0, 1e12, 0.0, "q_R of (17)"),
+            _row("bound_q_v_m2ps2", "m2/s2 per step", 0.0, 1e8, 0.0, "q_V of (17)"),
+            _row("bound_q_a_m2ps4", "m2/s4 per step", 0.0, 1.0, 0.0, "q_A of (17)"),
+            _row("bound_s_r_m", "m", 1e-3, 1e12, 1e12, "s_R of (17)"),
+            _row("bound_s_v_mps", "m/s", 1e-5, 1e12, 1e12, "s_V of (17)"),
         ),
         *_group(
             "bound",  # equations (12) and (14)
@@ -236,6 +225,10 @@ NAVIGATION = Schema(
             _real("sigma_r_max_m", "m", 1e-3, 1e6, 1000.0, "a fix that claims to be worse is not used"),
             _real("sigma_v_max_mps", "m/s", 1e-5, 1e4, 100.0, "a fix that claims to be worse is not used"),
             _whole("satellites_min", "count", 1, 64, 4, "satellites in a usable fix"),
+        ),
+        *_group(
+            "bus",
+            _whole("drain_frames_max", "count", 1, 1024, 64, "frames taken from the bus in one tick"),
         ),
         *_group(
             "telemetry",  # in ticks (0: never)

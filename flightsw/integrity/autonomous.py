@@ -7,34 +7,25 @@ bound that stops growing while the error does not. The parameters therefore come
 from __future__ import annotations
 
 from flightsw.kernels.registry import kernel
-from flightsw.nav.filter import gain, joseph, predict_covariance
-
-
-@kernel
-def row_for(table, sigma_m):
-    """Row of (17) for fixes of this position sigma: the first that serves it, else the last (the worst)."""
-    for row in range(table.autonomous_rows):
-        if sigma_m <= table.autonomous_sigma_fix_m[row]:
-            return row
-    return table.autonomous_rows - 1
+from flightsw.nav.filter import gain, joseph, propagate
 
 
 @kernel
 def predict_bound_covariance(table, row, p, work, out):
     """One step of (17) from `p` into `out`, with Phi in work.phi; False if it cannot be computed."""
-    predict_covariance(
+    propagate(
         p,
-        table.autonomous_q_r_m2[row],
-        table.autonomous_q_v_m2ps2[row],
-        table.autonomous_q_a_m2ps4[row],
+        table.tuning_bound_q_r_m2[row],
+        table.tuning_bound_q_v_m2ps2[row],
+        table.tuning_bound_q_a_m2ps4[row],
         work,
         out,
     )
     r = work.R_pseudo
     r[:, :] = 0.0
     for i in range(3):
-        r[i, i] = table.autonomous_s_r_m[row] ** 2
-        r[3 + i, 3 + i] = table.autonomous_s_v_mps[row] ** 2
+        r[i, i] = table.tuning_bound_s_r_m[row] ** 2
+        r[3 + i, 3 + i] = table.tuning_bound_s_v_mps[row] ** 2
     if not gain(out, r, work):
         return False
     joseph(out, r, work, out)

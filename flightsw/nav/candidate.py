@@ -1,4 +1,4 @@
-"""Fixes that agree with each other: how navigation starts, and how it starts anew when it is the state that is wrong."""
+"""Fixes that agree with each other: how navigation starts, and starts anew when it is the state that is wrong."""
 
 from __future__ import annotations
 

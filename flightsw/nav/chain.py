@@ -6,7 +6,7 @@ import math
 
 from flightsw.icd.enums import DaSource
 from flightsw.integrity import failure_flag
-from flightsw.integrity.autonomous import predict_bound_covariance, row_for
+from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 from flightsw.kernels import frames, integrators
 from flightsw.kernels.registry import kernel
@@ -29,7 +29,7 @@ def is_overdue(nav, table, t_gps_ns):
 def look_ahead(nav, table, work):
     """Covariances one step ahead, and from both ends of the interval its bounds."""
     transition(table, nav.x, table.nav_step_ns * 1e-9, nav.pole, work)
-    predict_covariance(nav.P, table.q_r_m2, table.q_v_m2ps2, table.q_a_m2ps4, work, nav.P_ahead)
+    predict_covariance(table, nav.row, 1.0, nav.P, work, nav.P_ahead)
     nav.bound_own_m = max(axis_bound_m(table, nav.P), axis_bound_m(table, nav.P_ahead))
     nav.bound_own_3d_m = max(radius_bound_m(table, nav.P), radius_bound_m(table, nav.P_ahead))
     if predict_bound_covariance(table, nav.row, nav.P_bound, work, nav.P_bound_ahead):
@@ -63,7 +63,7 @@ def settle(nav, table, eop, work):
 
 
 @kernel
-def start(nav, table, eop, t_gps_ns, sigma_r_m, sigma_v_mps, work):
+def start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     """State and covariance from the fix in work.z: the paper's start, dA = 0."""
     nav.initialised = 1
     nav.t_gps_ns = t_gps_ns
@@ -83,8 +83,7 @@ def start(nav, table, eop, t_gps_ns, sigma_r_m, sigma_v_mps, work):
     nav.mean_nis = 0.0
     nav.candidate_count = 0
     nav.da_source = FILTER
-    nav.fix_sigma_m = sigma_r_m
-    nav.row = row_for(table, sigma_r_m)
+    nav.row = row
     settle(nav, table, eop, work)
 
 
@@ -142,14 +141,14 @@ def predict_to(nav, table, t_gps_ns, work):
         share = step_ns / table.nav_step_ns
         dt_s = step_ns * 1e-9
         transition(table, work.x, dt_s, nav.pole, work)
-        predict_covariance(work.P, share * table.q_r_m2, share * table.q_v_m2ps2, share * table.q_a_m2ps4, work, work.P)
+        predict_covariance(table, nav.row, share, work.P, work, work.P)
         integrators.advance(table, work.x, dt_s, nav.pole, work.stages)
         t_ns += step_ns
     return True
 
 
 @kernel
-def commit(nav, table, eop, t_gps_ns, sigma_r_m, work):
+def commit(nav, table, eop, t_gps_ns, row, work):
     """The corrected state in work.x and work.P becomes the newest epoch; both covariances start from it."""
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
@@ -159,6 +158,5 @@ def commit(nav, table, eop, t_gps_ns, sigma_r_m, work):
     nav.P_bound[:, :] = work.P
     nav.history_count = 0
     nav.da_source = FILTER
-    nav.fix_sigma_m = sigma_r_m
-    nav.row = row_for(table, sigma_r_m)
+    nav.row = row
     settle(nav, table, eop, work)

@@ -24,7 +24,7 @@ RESTARTED = -2
 def gps_at(nav, counter_ns):
     """GPS time [ns] at a reading of the counter; only meaningful while clock_valid."""
     elapsed = counter_ns - nav.clock_counter_ns
-    return nav.clock_gps_ns + elapsed + int(round(nav.clock_phase_ns + nav.clock_drift * elapsed))
+    return nav.clock_gps_ns + elapsed + round(nav.clock_phase_ns + nav.clock_drift * elapsed)
 
 
 @kernel
@@ -120,7 +120,7 @@ def take_pulse(nav, table, status, gps_ns, counter_ns, sigma_ns, counter_now_ns)
     gain_phase = p00 / s
     gain_drift = p01 / s
     phase_ns = nav.clock_phase_ns + nav.clock_drift * elapsed_ns + gain_phase * error_ns
-    whole_ns = int(round(phase_ns))
+    whole_ns = round(phase_ns)
     nav.clock_gps_ns = nav.clock_gps_ns + elapsed_ns + whole_ns
     nav.clock_phase_ns = phase_ns - whole_ns
     nav.clock_counter_ns = counter_ns

@@ -42,8 +42,8 @@ def transition(table, x, dt_s, pole, work):
 
 
 @kernel
-def predict_covariance(p, q_r, q_v, q_a, work, out):
-    """out = Phi P Phi' + Q, equation (7), with Phi in work.phi; `out` may be `p`."""
+def propagate(p, q_r, q_v, q_a, work, out):
+    """out = Phi P Phi' + Q with Phi in work.phi and a diagonal Q; `out` may be `p`."""
     multiply(work.phi, p, work.square)
     multiply_transposed(work.square, work.phi, out)
     for i in range(3):
@@ -51,6 +51,19 @@ def predict_covariance(p, q_r, q_v, q_a, work, out):
         out[3 + i, 3 + i] += q_v
         out[6 + i, 6 + i] += q_a
     symmetrise(out)
+
+
+@kernel
+def predict_covariance(table, row, share, p, work, out):
+    """Equation (7) over `share` of a step with the noise of a tuning row; `out` may be `p`."""
+    propagate(
+        p,
+        share * table.tuning_q_r_m2[row],
+        share * table.tuning_q_v_m2ps2[row],
+        share * table.tuning_q_a_m2ps4[row],
+        work,
+        out,
+    )
 
 
 @kernel

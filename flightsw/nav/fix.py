@@ -27,10 +27,20 @@ USED = -1
 
 
 @kernel
-def to_gcrf(table, eop, inp, work):
+def row_for(table, inp):
+    """Tuning row for the position sigma that a fix claims: the first that serves it, else the last."""
+    sigma_m = max(inp.fix_sigma_r_m[0], max(inp.fix_sigma_r_m[1], inp.fix_sigma_r_m[2]))
+    for row in range(table.tuning_rows):
+        if sigma_m <= table.tuning_sigma_fix_m[row]:
+            return row
+    return table.tuning_rows - 1
+
+
+@kernel
+def to_gcrf(table, eop, row, inp, work):
     """The fix as measurement: work.z [m, m/s, GCRF] and its covariance work.R; False outside the EOP table.
 
-    A sigma is the receiver's, but never below the table's floor.
+    A sigma is the receiver's, but never below the floor of the tuning row.
     """
     m = work.itrf_from_gcrf
     dm = work.itrf_from_gcrf_rate
@@ -48,8 +58,8 @@ def to_gcrf(table, eop, inp, work):
             z[3 + i] += m[j, i] * (inp.fix_v_itrf_mps[j] - turned)
     work.R[:, :] = 0.0
     for k in range(3):
-        var_r = max(inp.fix_sigma_r_m[k], table.sigma_r_floor_m) ** 2
-        var_v = max(inp.fix_sigma_v_mps[k], table.sigma_v_floor_mps) ** 2
+        var_r = max(inp.fix_sigma_r_m[k], table.tuning_sigma_r_floor_m[row]) ** 2
+        var_v = max(inp.fix_sigma_v_mps[k], table.tuning_sigma_v_floor_mps[row]) ** 2
         for i in range(3):
             for j in range(3):
                 work.R[i, j] += m[k, i] * m[k, j] * var_r
@@ -69,20 +79,21 @@ def _declare_unreliable(nav, out, event):
 @kernel
 def process(nav, table, eop, inp, work, out):
     """Take a fix that passed its checks. Returns USED or the RejectCause; a rejected fix changes no state."""
-    if not to_gcrf(table, eop, inp, work):
+    row = row_for(table, inp)
+    if not to_gcrf(table, eop, row, inp, work):
         return _EARTH_ORIENTATION
     t_gps_ns = inp.fix_gps_ns
     nav.t_seen_gps_ns = t_gps_ns
     sigma_r_m = 0.0
     sigma_v_mps = 0.0
     for i in range(3):
-        sigma_r_m = max(sigma_r_m, max(inp.fix_sigma_r_m[i], table.sigma_r_floor_m))
-        sigma_v_mps = max(sigma_v_mps, max(inp.fix_sigma_v_mps[i], table.sigma_v_floor_mps))
+        sigma_r_m = max(sigma_r_m, max(inp.fix_sigma_r_m[i], table.tuning_sigma_r_floor_m[row]))
+        sigma_v_mps = max(sigma_v_mps, max(inp.fix_sigma_v_mps[i], table.tuning_sigma_v_floor_mps[row]))
 
     if not nav.initialised:
         frames.pole_gcrf(eop, t_gps_ns, work, nav.pole)
         if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.init_fixes:
-            chain.start(nav, table, eop, t_gps_ns, sigma_r_m, sigma_v_mps, work)
+            chain.start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
             out.events |= _INITIALISED
         return USED
 
@@ -96,7 +107,7 @@ def process(nav, table, eop, inp, work, out):
         nav.streak = 0
         if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.reinit_fixes:
             _declare_unreliable(nav, out, _REINITIALISED)
-            chain.start(nav, table, eop, t_gps_ns, sigma_r_m, sigma_v_mps, work)
+            chain.start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
         return _GATE
 
     correct(work.x, work.P, work, out)
@@ -109,7 +120,7 @@ def process(nav, table, eop, inp, work, out):
     nav.candidate_count = 0
     nis_per_dof = out.nis / MEASUREMENTS
     nav.mean_nis += (nis_per_dof - nav.mean_nis) / min(nav.streak, table.clear_fixes)
-    chain.commit(nav, table, eop, t_gps_ns, sigma_r_m, work)
+    chain.commit(nav, table, eop, t_gps_ns, row, work)
     if nav.streak >= table.stored_da_after_fixes:
         stored_acceleration.store(nav, table, nav.x, t_gps_ns, work)
     bound_m = failure_flag.driving(table, nav.bound_own_m, nav.bound_own_3d_m)

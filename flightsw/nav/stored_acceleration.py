@@ -71,7 +71,7 @@ def recall(nav, table, x, t_gps_ns, work):
     """Write the stored dA at this place of the orbit into x[6:9]; False, and x untouched, where it is missing."""
     bins = table.stored_da_bins
     place = argument_of_latitude(x, work) / _TWO_PI * bins - 0.5
-    below = int(math.floor(place))
+    below = math.floor(place)
     share = place - below
     first = below % bins
     second = (below + 1) % bins

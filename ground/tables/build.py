@@ -1,7 +1,7 @@
 """From a set file (TOML) to a navigation table: every key is checked, every value has a known origin.
 
 A set file has `name`, `description`, one section for each group of the schema with the schema's field names
-as keys, and one `[[autonomous]]` table for each row of equation (17). What it leaves out takes the schema's
+as keys, and one `[[tuning]]` table for each tuning row (Table 1 of the paper). What it leaves out takes the schema's
 default; a field without a default must be given.
 """
 
@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 
 from flightsw.icd.table_file import TableRefused, encode
-from flightsw.icd.table_schema import MAX_AUTONOMOUS_ROWS, NAVIGATION, Field
+from flightsw.icd.table_schema import MAX_TUNING_ROWS, NAVIGATION, Field
 from ground.errors import OperatorError, did_you_mean
 
 SETS = Path(__file__).parent / "sets"
 
-_ROWS = "autonomous"
-_ROW_PREFIX = "autonomous_"
+_ROWS = "tuning"
+_ROW_PREFIX = "tuning_"
 _FIELDS = {f.name: f for f in NAVIGATION.fields}
-# keys of an [[autonomous]] row, without the prefix that the schema's columns carry
+# keys of an [[tuning]] row, without the prefix that the schema's columns carry
 ROW_KEYS = tuple(f.name.removeprefix(_ROW_PREFIX) for f in NAVIGATION.fields if f.group == _ROWS and f.shape)
 SECTIONS = tuple(dict.fromkeys(f.group for f in NAVIGATION.fields))
 
@@ -62,7 +62,7 @@ def build_navigation(
     """Binary navigation table of a set.
 
     overrides: key -> value on top of the file. A key is a field name (`limit_m`), may carry its section
-    (`bound.limit_m`), names a cell of a row (`autonomous.0.q_r_m2`) or replaces all rows (`autonomous`,
+    (`bound.limit_m`), names a cell of a row (`tuning.0.q_r_m2`) or replaces all rows (`tuning`,
     a list of mappings). A table built with overrides carries the set's name with a `*` behind it.
     Raises OperatorError with file, key and remedy.
     """
@@ -129,9 +129,9 @@ def _collect(where: str, document: dict[str, Any]) -> tuple[Given, list[Given]]:
 
 def _collect_rows(where: str, content: Any) -> list[Given]:
     if not isinstance(content, list) or not all(isinstance(row, Mapping) for row in content):
-        raise OperatorError(f"{where}: rows of equation (17); write each as [[autonomous]] with its keys")
-    if not 1 <= len(content) <= MAX_AUTONOMOUS_ROWS:
-        raise OperatorError(f"{where}: {len(content)} rows; give 1 to {MAX_AUTONOMOUS_ROWS}")
+        raise OperatorError(f"{where}: tuning rows; write each as [[tuning]] with its keys")
+    if not 1 <= len(content) <= MAX_TUNING_ROWS:
+        raise OperatorError(f"{where}: {len(content)} rows; give 1 to {MAX_TUNING_ROWS}")
     rows: list[Given] = []
     for index, row in enumerate(content):
         known: Given = {}
@@ -153,7 +153,7 @@ def _apply(given: Given, rows: list[Given], overrides: Mapping[str, Any]) -> Non
         elif key.startswith(_ROWS + "."):
             _, index, *rest = key.split(".")
             if len(rest) != 1 or not index.isdecimal() or int(index) >= len(rows):
-                raise OperatorError(f"{place}: write autonomous.ROW.KEY, rows here: 0 to {len(rows) - 1}")
+                raise OperatorError(f"{place}: write tuning.ROW.KEY, rows here: 0 to {len(rows) - 1}")
             rows[int(index)][rest[0]] = (place, _number(place, _row_field(place, rest[0]), value))
         else:
             section, _, name = key.rpartition(".")
@@ -171,7 +171,7 @@ def _field(place: str, key: str, section: str) -> Field:
         hint = did_you_mean(key, scope) or did_you_mean(key, _FIELDS)
         raise OperatorError(f"{place}: unknown key{hint}; docs/icd.md lists every field")
     if field.group == _ROWS:
-        raise OperatorError(f"{place}: belongs to a row; write it in an [[autonomous]] table")
+        raise OperatorError(f"{place}: belongs to a row; write it in an [[tuning]] table")
     if section and field.group != section:
         raise OperatorError(f"{place}: belongs to section [{field.group}]; move it there")
     return field
@@ -218,21 +218,19 @@ _ORDERED = (
     ("clear_limit_m", "limit_m"),
     ("clear_nis_low", "clear_nis_high"),
     ("radius_min_m", "radius_max_m"),
-    ("sigma_r_floor_m", "sigma_r_max_m"),
-    ("sigma_v_floor_mps", "sigma_v_max_mps"),
 )
 
 
 def _assemble(where: str, given: Given, rows: list[Given]) -> np.ndarray:
     if not rows:
-        raise OperatorError(f"{where}: autonomous: no row for equation (17); add an [[autonomous]] table")
+        raise OperatorError(f"{where}: tuning: no row; add an [[tuning]] table")
     sigmas = [row["sigma_fix_m"][1] for row in rows]
     if any(b <= a for a, b in pairwise(sigmas)):
-        raise OperatorError(f"{where}: autonomous: sigma_fix_m must rise from row to row, is {sigmas}")
+        raise OperatorError(f"{where}: tuning: sigma_fix_m must rise from row to row, is {sigmas}")
     values = np.zeros(1, NAVIGATION.dtype)
     record = values[0]
     for field in NAVIGATION.fields:
-        if field.name == "autonomous_rows":
+        if field.name == "tuning_rows":
             record[field.name] = len(rows)
         elif field.group == _ROWS:
             key = field.name.removeprefix(_ROW_PREFIX)

@@ -23,7 +23,7 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="override a key of the set, for example limit_m=500 or autonomous.0.s_r_m=1e5; may be repeated",
+        help="override a key of the set, for example limit_m=500 or tuning.0.bound_s_r_m=1e5; may be repeated",
     )
 
     show = actions.add_parser("show", help="print a binary table")

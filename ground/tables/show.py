@@ -49,7 +49,7 @@ def _validity(table: TableImage) -> str:
 def _render_fields(table: TableImage) -> list[str]:
     lines: list[str] = []
     record = table.values[0]
-    rows = int(record["autonomous_rows"])
+    rows = int(record["tuning_rows"])
     group = ""
     for field in NAVIGATION.fields:
         if field.group != group:

@@ -1,0 +1,75 @@
+"""`flightsw run | replay`: arguments and exit codes. 0 done, 1 the run failed, 2 refused."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+EXIT_DIFFERENT, EXIT_REFUSED = 1, 2
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.action(options))
+    except KeyboardInterrupt:
+        print("flightsw: stopped", file=sys.stderr)
+        return 130
+
+
+def _run(options: argparse.Namespace) -> int:
+    from flightsw import onboard
+    from flightsw.app import PreflightFailed
+
+    try:
+        return onboard.run(options.can, options.tables, options.link, options.out, options.ticks)
+    except (PreflightFailed, onboard.Refused) as error:
+        print(f"flightsw: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from flightsw import replay
+    from flightsw.app import PreflightFailed
+
+    try:
+        differences = replay.check_versions(options.run_dir)
+        for difference in differences:
+            print(f"flightsw: {difference}", file=sys.stderr)
+        if differences and not options.force:
+            print("flightsw: refused; --force replays all the same", file=sys.stderr)
+            return EXIT_REFUSED
+        outcome = replay.replay(options.run_dir, options.out or options.run_dir / "replay")
+    except (PreflightFailed, replay.ReplayRefused) as error:
+        print(f"flightsw: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    for name, offset in (("can.log", outcome.can_differs_at), ("link.tlog", outcome.link_differs_at)):
+        print(f"{name:<10} {'identical' if offset is None else f'differs from byte {offset}'}")
+    print(f"{outcome.ticks} ticks replayed: {'IDENTICAL' if outcome.identical else 'DIFFERENT'}")
+    return 0 if outcome.identical else EXIT_DIFFERENT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="flightsw", description="Navigation that bounds its own error.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="run | replay")
+
+    run = commands.add_parser("run", help="fly in real time on a CAN bus")
+    run.add_argument("--can", required=True, metavar="INTERFACE:CHANNEL", help="python-can bus, e.g. socketcan:can0")
+    run.add_argument("--tables", required=True, type=Path, metavar="DIR", help="folder with the binary tables")
+    run.add_argument("--link", metavar="udp:HOST:PORT", help="where MAVLink goes; none without")
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder for can.log and link.tlog; none without")
+    run.add_argument("--ticks", type=int, metavar="N", help="stop after so many ticks")
+    run.set_defaults(action=_run)
+
+    replay = commands.add_parser("replay", help="fly the journal of a run again and compare, byte for byte")
+    replay.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="folder that a run left")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="where the replayed logs go (default RUN_DIR/replay)")
+    replay.add_argument("--force", action="store_true", help="replay although code or tables differ from the run's")
+    replay.set_defaults(action=_replay)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

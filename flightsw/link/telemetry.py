@@ -1,0 +1,190 @@
+"""Record to message: what the ground is told, and how often. Every integer is saturated before it is packed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flightsw.icd import mavlink as m
+from flightsw.icd.alerts import ALERTS
+from flightsw.icd.enums import FlagState, Mode, RejectCause
+from flightsw.kernels.geodetic import geodetic
+from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.records_io import RecordReader
+
+_U16, _U32 = 0xFFFF, 0xFFFFFFFF
+_UNKNOWN = 0xFFFF
+_SYSTEM_STATUS = {
+    int(Mode.INIT): m.MAV_STATE_CALIBRATING,
+    int(Mode.INTEGRATED): m.MAV_STATE_ACTIVE,
+    int(Mode.AUTONOMOUS): m.MAV_STATE_ACTIVE,
+    int(Mode.FAILED): m.MAV_STATE_CRITICAL,
+}
+_GPS = m.MAV_SYS_STATUS_SENSOR_GPS
+# An alert's text as STATUSTEXT carries it, made once: nothing is rendered in the tick.
+_TEXTS = {int(alert.id): (int(alert.severity), alert.text.encode("ascii")) for alert in ALERTS.values()}
+
+
+def _u16(value: float) -> int:
+    return _U16 if not value < _U16 else max(0, int(value))
+
+
+def _u32(value: float) -> int:
+    return _U32 if not value < _U32 else max(0, int(value))
+
+
+class Telemetry:
+    """Flight's messages. The main loop calls each method at the rate its table gives."""
+
+    __slots__ = ("_at", "_geodetic", "_geodetic_in", "_out", "_table")
+
+    def __init__(
+        self,
+        out: MavlinkOut,
+        reader: RecordReader,
+        table_crc32: int,
+        schema_hash: int,
+        set_name: bytes,
+        certificate: int,
+    ) -> None:
+        self._out = out
+        self._at = reader.at
+        self._table = (table_crc32, schema_hash, set_name, certificate)
+        self._geodetic_in = np.zeros(3)
+        self._geodetic = np.zeros(3)
+
+    def alert(self, sequence: int, t_gps_ns: int, alert_id: int, active: int, value: float) -> None:
+        """LEONAV_ALERT and, when it begins, its text for any ground station."""
+        severity, text = _TEXTS[alert_id]
+        self._out.mav.leonav_alert_send(t_gps_ns, _u32(sequence), value, alert_id, severity, active)
+        if active:
+            self._out.mav.statustext_send(severity, text)
+
+    def state(self, out: tuple[float, ...], alerts: int) -> None:
+        """LEONAV_NAV_STATE and LEONAV_INTEGRITY."""
+        at = self._at
+        r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
+        t_gps_ns, mode, flag = int(out[at["t_gps_ns"]]), int(out[at["mode"]]), int(out[at["flag"]])
+        crc32, _schema, _name, certificate = self._table
+        mav = self._out.mav
+        mav.leonav_nav_state_send(t_gps_ns, out[r : r + 3], out[v : v + 3], mode, int(out[at["validity"]]), flag)
+        mav.leonav_integrity_send(
+            t_gps_ns,
+            out[at["bound_m"]],
+            out[at["limit_m"]],
+            out[at["bound_3d_m"]],
+            out[at["fix_age_s"]],
+            out[at["outage_age_s"]],
+            out[at["flag_age_s"]],
+            alerts,
+            crc32,
+            _u16(out[at["streak"]]),
+            mode,
+            flag,
+            int(out[at["verdict"]]),
+            int(out[at["driver"]]),
+            certificate,
+            int(out[at["da_coverage_pct"]]),
+            int(out[at["da_source"]]),
+        )
+
+    def status(
+        self,
+        out: tuple[float, ...],
+        fix: tuple[float, ...],
+        inputs: np.ndarray,
+        unix_ns: int,
+        boot_ns: int,
+        rejected: int,
+    ) -> None:
+        """HEARTBEAT, SYS_STATUS, SYSTEM_TIME, and of the last fix GPS_RAW_INT, ESTIMATOR_STATUS, LEONAV_INNOVATION.
+
+        `fix` is the output record of the step that took the last fix, `inputs` its input, one record.
+        """
+        at = self._at
+        mode, flag = int(out[at["mode"]]), int(out[at["flag"]])
+        healthy = flag == FlagState.CLEAR and mode != Mode.INIT
+        correcting = out[at["outage_age_s"]] == 0.0 and mode != Mode.INIT
+        mav = self._out.mav
+        mav.heartbeat_send(
+            m.MAV_TYPE_SPACECRAFT_ORBITER,
+            m.MAV_AUTOPILOT_GENERIC,
+            m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            mode,
+            _SYSTEM_STATUS[mode] if healthy or mode == Mode.INIT else m.MAV_STATE_CRITICAL,
+        )
+        mav.sys_status_send(_GPS, _GPS, _GPS if correcting else 0, 0, _UNKNOWN, -1, -1, 0, _u16(rejected), 0, 0, 0, 0)
+        mav.system_time_send(unix_ns // 1000, (boot_ns // 1_000_000) & _U32)
+        if fix[at["fix_gps_ns"]] == 0:
+            return
+        self._fix(fix, inputs, unix_ns)
+
+    def _fix(self, fix: tuple[float, ...], inputs: np.ndarray, unix_ns: int) -> None:
+        at, mav = self._at, self._out.mav
+        self._geodetic_in[:] = inputs["fix_r_itrf_m"][0]
+        geodetic(self._geodetic_in, self._geodetic)
+        latitude, longitude, height_m = (float(value) for value in self._geodetic)
+        usable = math.isfinite(latitude) and math.isfinite(longitude) and abs(height_m) < 2e6
+        sigma_r_m = float(inputs["fix_sigma_r_m"][0].max())
+        sigma_v_mps = float(inputs["fix_sigma_v_mps"][0].max())
+        mav.gps_raw_int_send(
+            unix_ns // 1000,
+            int(inputs["fix_type"][0]) & 0xFF,
+            int(math.degrees(latitude) * 1e7) if usable else 0,
+            int(math.degrees(longitude) * 1e7) if usable else 0,
+            int(height_m * 1e3) if usable else 0,
+            _UNKNOWN,
+            _UNKNOWN,
+            _UNKNOWN,  # orbital speed does not fit into centimetres per second of 16 bits
+            _UNKNOWN,
+            int(inputs["fix_satellites"][0]) & 0xFF,
+            h_acc=_u32(sigma_r_m * 1e3),
+            v_acc=_u32(sigma_r_m * 1e3),
+            vel_acc=_u32(sigma_v_mps * 1e3),
+        )
+        ratio = math.sqrt(fix[at["nis"]] / fix[at["gate"]]) if fix[at["gate"]] > 0.0 else 0.0
+        sigma = at["innovation_sigma"]
+        used = int(fix[at["fix_used"]])
+        mav.estimator_status_send(
+            unix_ns // 1000,
+            (m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_POS_VERT_ABS | m.ESTIMATOR_VELOCITY_HORIZ) if used else 0,
+            ratio,
+            ratio,
+            ratio,
+            0.0,
+            0.0,
+            0.0,
+            fix[sigma],
+            fix[sigma + 2],
+        )
+        innovation = at["innovation"]
+        cause = int(fix[at["fix_cause"]])
+        mav.leonav_innovation_send(
+            int(fix[at["fix_gps_ns"]]),
+            fix[innovation : innovation + 6],
+            fix[sigma : sigma + 6],
+            fix[at["nis"]],
+            fix[at["gate"]],
+            fix[at["mean_nis"]],
+            used,
+            cause if cause >= 0 else 0xFF,
+        )
+
+    def counters(
+        self, tick: int, received: int, accepted: int, slips: int, journal_dropped: int, rejected: list[int]
+    ) -> None:
+        """LEONAV_COUNTERS: what was refused, by cause."""
+        self._out.mav.leonav_counters_send(
+            tick,
+            _u32(received),
+            _u32(accepted),
+            _u32(slips),
+            _u32(journal_dropped),
+            [_u32(rejected[int(cause)]) for cause in RejectCause],
+        )
+
+    def table_status(self, kind: int) -> None:
+        """LEONAV_TABLE_STATUS of the navigation table in force."""
+        crc32, schema_hash, set_name, certificate = self._table
+        self._out.mav.leonav_table_status_send(crc32, schema_hash, set_name, kind, certificate)

@@ -1,0 +1,217 @@
+"""The loop: one tick, top to bottom.
+
+    drain the bus -> assemble epochs -> navigate -> publish -> alert -> telemetry -> mark the tick
+
+Everything else (writing logs, reopening a bus) is slack: it runs after the tick, while there is time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flightsw.can_port import CanPort
+from flightsw.clock import Clock
+from flightsw.events import EventRing
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
+from flightsw.icd.table_file import TableImage
+from flightsw.icd.table_schema import SCHEMAS
+from flightsw.journal import Journal
+from flightsw.link.mavlink_out import MavlinkOut, Sink
+from flightsw.link.telemetry import Telemetry
+from flightsw.memory import Memory
+from flightsw.nav.step import step
+from flightsw.publishing import Publisher
+from flightsw.records import OUTPUT
+from flightsw.records_io import RecordReader
+from flightsw.schedule import Member, Schedule
+from flightsw.sensing.can_receiver import CanReceiver
+from flightsw.sensing.epoch_assembly import EpochAssembly
+
+_BUS_ERROR = int(RejectCause.BUS_ERROR)
+_BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
+_SLIP_BIT = 1 << int(AlertId.TICK_SLIP)
+_UNCERTIFIED_BIT = 1 << int(AlertId.TABLE_UNCERTIFIED)
+
+
+class MainLoop:
+    """Flight's cyclic executive. `run` ticks for ever or so many times; nothing in a tick grows, logs or waits."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        port: CanPort,
+        journal: Journal,
+        sink: Sink,
+        memory: Memory,
+        navigation: TableImage,
+        unix_start_ns: int,
+    ) -> None:
+        self.clock = clock
+        self.port = port
+        self.journal = journal
+        self.memory = memory
+        self.certificate = int(Certificate.UNCERTIFIED)
+        self.counter_start_ns = clock.counter_ns()
+        self.counter_ns = self.counter_start_ns
+        self.unix_start_ns = unix_start_ns
+        self.tick = 0
+        self.slips = 0
+        self.out_reader = RecordReader(memory.output)
+        self.out = self.out_reader.read()
+        self.rejected = [0] * REJECT_CAUSES
+        self._rejected_nav = memory.nav["rejected"][0]
+        self._fix_input = memory.input
+        self._fix_output = np.zeros(1, OUTPUT)
+        self._fix_reader = RecordReader(self._fix_output)
+        self._alerts = 0
+        self._happened = 0
+        self._slipped = False
+        table = memory.table[0]
+        self.period_ns = int(table["tick_period_ns"])
+        self._assembly = EpochAssembly(self.rejected)
+        self.receiver = CanReceiver(port, journal, self._assembly, self.rejected)
+        self.receiver.drain_limit = int(table["drain_frames_max"])
+        self.link = MavlinkOut(sink, journal, self.unix_ns)
+        schema = SCHEMAS[navigation.kind]
+        self._kind = schema.number
+        self.telemetry = Telemetry(
+            self.link, self.out_reader, navigation.crc32, schema.hash, navigation.set_name.encode(), self.certificate
+        )
+        self.publisher = Publisher(port, journal, self.out_reader)
+        self.events = EventRing(self.telemetry.alert)
+        self.schedule = Schedule(
+            [
+                Member("receive", 1, 200.0, self._receive),
+                Member("navigate", 1, 100.0, self._navigate),
+                Member("publish", 1, 100.0, self._publish),
+                Member("alert", 1, 100.0, self._alert),
+                Member("telemetry_state", int(table["rate_nav_state_ticks"]), 100.0, self._telemetry_state),
+                Member("telemetry_status", int(table["rate_status_ticks"]), 200.0, self._telemetry_status),
+                Member("telemetry_counters", int(table["rate_counters_ticks"]), 100.0, self._telemetry_counters),
+                Member("telemetry_table", int(table["rate_table_status_ticks"]), 100.0, self._telemetry_table),
+                Member("mark", 1, 50.0, self._mark),
+            ],
+            [
+                Member("journal", 1, 2000.0, journal.write_slice),
+                Member("bus", 1, 2000.0, port.reopen),
+            ],
+            1000.0,
+        )
+
+    # -- the members, in order
+
+    def _receive(self) -> None:
+        self._assembly.begin(self.counter_ns)
+        self.receiver.drain(self.unix_ns())
+
+    def _navigate(self) -> None:
+        memory, assembly = self.memory, self._assembly
+        self._happened = 0
+        for index in range(max(assembly.count, 1)):
+            call = assembly.calls[index]
+            step(memory.nav, call, memory.table, memory.orientation, memory.work, memory.output)
+            self.out = out = self.out_reader.read()
+            at = self.out_reader.at
+            self._happened |= int(out[at["events"]])
+            if out[at["fix_seen"]]:
+                self._fix_input[:] = call
+                self._fix_output[:] = memory.output
+
+    def _publish(self) -> None:
+        out, at = self.out, self.out_reader.at
+        alerts = int(out[at["alerts"]])
+        if self.certificate == Certificate.UNCERTIFIED:
+            alerts |= _UNCERTIFIED_BIT
+        if self.port.is_off:
+            alerts |= _BUS_OFF_BIT
+        self._alerts = alerts
+        self.publisher.state(self.unix_ns(), out, self._fix_output["nis"][0], alerts, self.certificate)
+
+    def _alert(self) -> None:
+        if self._slipped:
+            self._happened |= _SLIP_BIT
+            self._slipped = False
+        out, at = self.out, self.out_reader.at
+        self.events.note(int(out[at["t_gps_ns"]]), self._happened, self._alerts, out[at["bound_m"]])
+
+    def _telemetry_state(self) -> None:
+        self.telemetry.state(self.out, self._alerts)
+
+    def _telemetry_status(self) -> None:
+        self.telemetry.status(
+            self.out,
+            self._fix_reader.read(),
+            self._fix_input,
+            self.unix_ns(),
+            self.counter_ns - self.counter_start_ns,
+            self.rejections(),
+        )
+
+    def _telemetry_counters(self) -> None:
+        self.telemetry.counters(
+            self.tick,
+            self.receiver.received,
+            self.receiver.accepted,
+            self.slips,
+            self.journal.dropped,
+            self.rejected_by_cause(),
+        )
+
+    def _telemetry_table(self) -> None:
+        self.telemetry.table_status(self._kind)
+
+    def _mark(self) -> None:
+        mode = int(self.out[self.out_reader.at["mode"]])
+        self.publisher.heartbeat(self.unix_ns(), self.tick, self.counter_ns, self.slips, self.rejections(), mode)
+
+    # -- accounts
+
+    def unix_ns(self) -> int:
+        """Log time: Unix UTC anchored once at start and never stepped afterwards."""
+        return self.unix_start_ns + self.counter_ns - self.counter_start_ns
+
+    def rejected_by_cause(self) -> list[int]:
+        """Rejections since start, by RejectCause: of frames and of what they carried."""
+        counts = [frames + int(content) for frames, content in zip(self.rejected, self._rejected_nav, strict=True)]
+        counts[_BUS_ERROR] += self.port.errors
+        return counts
+
+    def rejections(self) -> int:
+        """All rejections since start."""
+        return sum(self.rejected) + int(self._rejected_nav.sum()) + self.port.errors
+
+    # -- the cycle
+
+    def run_tick(self) -> None:
+        """One tick at the clock's present reading."""
+        self.counter_ns = self.clock.counter_ns()
+        self.schedule.run_tick(self.tick)
+        self.tick += 1
+
+    def run(self, ticks: int | None = None) -> None:
+        """Tick at fixed steps of the counter from now on. A late tick is counted as a slip, never caught up."""
+        deadline_ns = self.clock.counter_ns()
+        last = None if ticks is None else self.tick + ticks
+        while last is None or self.tick < last:
+            self.clock.wait_until(deadline_ns)
+            self.run_tick()
+            deadline_ns += self.period_ns
+            self.rest(deadline_ns)
+            late_ns = self.clock.counter_ns() - deadline_ns
+            if late_ns > 0 and not self.clock.lockstep:
+                missed = late_ns // self.period_ns + 1
+                self.slips += missed
+                self._slipped = True
+                deadline_ns += (missed - 1) * self.period_ns
+
+    def rest(self, deadline_ns: int) -> None:
+        """The slack of a tick: until the deadline, or in lockstep one slice of every job."""
+        if self.clock.lockstep:
+            self.schedule.run_slack(_always)
+        else:
+            self.schedule.run_slack(lambda: self.clock.counter_ns() < deadline_ns)
+
+
+def _always() -> bool:
+    return True

@@ -1,0 +1,83 @@
+"""Composition root of a flight in real time: opens the bus, the socket and the logs that the operator named."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from pathlib import Path
+
+import can
+
+from flightsw import app, realtime
+from flightsw.can_port import CanPort
+from flightsw.clock import RealTimeClock
+from flightsw.journal import Journal
+from flightsw.link.mavlink_out import Nowhere, Sink
+
+
+class Refused(ValueError):
+    """An argument that flight cannot start with; the text names it and the remedy."""
+
+
+class UdpSink:
+    """Datagrams to one peer, non-blocking: what the socket does not take at once is lost and counted."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._peer = (host, port)
+        self.lost = 0
+
+    def send(self, message: bytes | bytearray) -> None:
+        """Offer one datagram."""
+        try:
+            self._socket.sendto(message, self._peer)
+        except OSError:
+            self.lost += 1
+
+
+def open_link(text: str | None) -> Sink:
+    """The sink for `udp:HOST:PORT`, or one that goes nowhere for None."""
+    if text is None:
+        return Nowhere()
+    kind, _, peer = text.partition(":")
+    host, _, port = peer.rpartition(":")
+    if kind != "udp" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise Refused(f"--link {text}: write it as udp:HOST:PORT, for example udp:127.0.0.1:14550")
+    return UdpSink(host, int(port))
+
+
+def open_port(text: str) -> CanPort:
+    """Flight's end of the bus named `interface:channel`."""
+    interface, colon, channel = text.partition(":")
+    if not colon or not channel:
+        raise Refused(f"--can {text}: write it as INTERFACE:CHANNEL, for example socketcan:can0")
+    try:
+        return CanPort(lambda: can.Bus(interface=interface, channel=channel, fd=True))
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise Refused(f"--can {text}: cannot be opened: {error}") from error
+
+
+def run(can_bus: str, tables: Path, link: str | None, out: Path | None, ticks: int | None) -> int:
+    """Fly until stopped, or for so many ticks. Returns the exit status."""
+    navigation, orientation = app.load_tables(tables)
+    sink = open_link(link)
+    port = open_port(can_bus)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    journal = Journal(out)
+    try:
+        loop = app.build(navigation, orientation, RealTimeClock(), port, journal, sink, time.time_ns(), _tell_progress)
+        for text in realtime.prepare():
+            print(f"flightsw: {text}", file=sys.stderr)
+        loop.run(ticks)
+    finally:
+        journal.close()
+        port.close()
+    print(f"flightsw: {loop.tick} ticks, {loop.slips} slips")
+    return 0
+
+
+def _tell_progress(done: int, total: int, name: str) -> None:
+    print(f"flightsw: compiling {done}/{total} {name}", file=sys.stderr)

@@ -1,0 +1,118 @@
+"""The rate-group table and its accounts: who runs in a tick, how often, and how long it took."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter_ns
+from typing import Any
+
+# A duration falls into bin 8 * octave + eighth of the octave: 12 % wide, from 1 ns to 18 minutes.
+_EIGHTHS = 3
+HISTOGRAM_BINS = 41 << _EIGHTHS
+
+
+def bin_of(duration_ns: int) -> int:
+    """Histogram bin of a duration."""
+    octave = duration_ns.bit_length()
+    if octave <= _EIGHTHS:
+        return duration_ns
+    if octave > 40:
+        return HISTOGRAM_BINS - 1
+    return (octave << _EIGHTHS) | ((duration_ns >> (octave - 1 - _EIGHTHS)) & 7)
+
+
+def upper_edge_ns(index: int) -> float:
+    """Largest duration of a bin."""
+    octave, eighth = index >> _EIGHTHS, index & 7
+    if octave <= _EIGHTHS:
+        return float(index)
+    return float(((8 + eighth + 1) << (octave - 1 - _EIGHTHS)) - 1)
+
+
+class Member:
+    """One entry of the rate-group table: a function, run every `divisor` ticks, and its accounts."""
+
+    __slots__ = ("budget_us", "divisor", "histogram", "longest_ns", "name", "over_budget", "run", "runs", "total_ns")
+
+    def __init__(self, name: str, divisor: int, budget_us: float, run: Callable[[], None]) -> None:
+        self.name = name
+        self.divisor = divisor
+        self.budget_us = budget_us
+        self.run = run
+        self.histogram = [0] * HISTOGRAM_BINS
+        self.runs = 0
+        self.total_ns = 0
+        self.longest_ns = 0
+        self.over_budget = 0
+
+    def account(self, duration_ns: int) -> None:
+        """Enter one run into the accounts."""
+        self.runs += 1
+        self.total_ns += duration_ns
+        if duration_ns > self.longest_ns:
+            self.longest_ns = duration_ns
+        if duration_ns > self.budget_us * 1000.0:
+            self.over_budget += 1
+        self.histogram[bin_of(duration_ns)] += 1
+
+    def percentile_ns(self, percent: float) -> float:
+        """Duration that `percent` of the runs did not exceed, to the width of a bin; NaN before the first run."""
+        wanted = self.runs * percent / 100.0
+        seen = 0
+        for index, count in enumerate(self.histogram):
+            seen += count
+            if count and seen >= wanted:
+                return min(upper_edge_ns(index), float(self.longest_ns))
+        return float("nan")
+
+    def summary(self) -> dict[str, Any]:
+        """Accounts as plain numbers, microseconds."""
+        mean = self.total_ns / self.runs / 1000.0 if self.runs else None
+        figures = {
+            f"p{percent:g}_us": self.percentile_ns(percent) / 1000.0 if self.runs else None
+            for percent in (50.0, 99.0, 99.9)
+        }
+        return {
+            "divisor": self.divisor,
+            "runs": self.runs,
+            "mean_us": mean,
+            **figures,
+            "max_us": self.longest_ns / 1000.0 if self.runs else None,
+            "budget_us": self.budget_us,
+            "over_budget": self.over_budget,
+        }
+
+
+class Schedule:
+    """Members in order of execution, the slack group last, and the account of whole ticks."""
+
+    __slots__ = ("_slack", "members", "whole")
+
+    def __init__(self, members: list[Member], slack: list[Member], tick_budget_us: float) -> None:
+        self.members = members
+        self._slack = slack
+        self.whole = Member("tick", 1, tick_budget_us, lambda: None)
+
+    def run_tick(self, tick: int) -> None:
+        """Run the members that are due in this tick, in order."""
+        start_ns = before_ns = perf_counter_ns()
+        for member in self.members:
+            if member.divisor and tick % member.divisor == 0:
+                member.run()
+                after_ns = perf_counter_ns()
+                member.account(after_ns - before_ns)
+                before_ns = after_ns
+        self.whole.account(before_ns - start_ns)
+
+    def run_slack(self, may_go_on: Callable[[], bool]) -> None:
+        """Run one bounded slice of each slack job while there is time before the deadline."""
+        for member in self._slack:
+            if not may_go_on():
+                return
+            before_ns = perf_counter_ns()
+            member.run()
+            member.account(perf_counter_ns() - before_ns)
+
+    def summary(self) -> dict[str, Any]:
+        """Accounts of the whole tick and of every member, by name."""
+        return {member.name: member.summary() for member in [self.whole, *self.members, *self._slack]}

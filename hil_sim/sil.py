@@ -1,0 +1,239 @@
+"""Software in the loop: the composition root of a whole run, and the only place of the world that knows flight.
+
+It builds the tables as the ground would, hands flight a bus and a clock, ticks world and flight in lockstep and
+leaves a run folder that says everything that happened.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from flightsw import app
+from flightsw.can_port import CanPort
+from flightsw.clock import Clock, LockstepClock, RealTimeClock
+from flightsw.icd.enums import Certificate, RejectCause
+from flightsw.icd.table_file import TableImage
+from flightsw.journal import Journal
+from flightsw.kernels.kernel_cache import source_hash
+from flightsw.main_loop import MainLoop
+from flightsw.onboard import Refused, open_link
+from ground.errors import OperatorError
+from ground.reports.figures import make_figures
+from ground.reports.verdict import render_verdict
+from ground.tables.build import build_navigation
+from ground.tables.earth_orientation import build_earth_orientation
+from hil_sim.bus import Monitor, VirtualBusPair
+from hil_sim.errors import ScenarioError
+from hil_sim.evaluation import evaluate_run
+from hil_sim.scenario import LoadedScenario
+from hil_sim.world import World, earth_orientation_file
+
+_MARGIN_NS = 3_600_000_000_000
+_ESTIMATE_STEP_S = 10
+_PROGRESS_TICKS = 500
+_LIBRARIES = ("numpy", "numba", "llvmlite", "python-can", "pymavlink", "satkit", "satkit-data", "astropy-iers-data")
+
+
+def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: float | None = None) -> int:
+    """Fly a scenario and leave its record in `out_dir`; prints the verdict. Returns the exit status, 0 for done.
+
+    Args: link, `udp:HOST:PORT` to send MAVLink to besides the log; speed, real time times this factor, or None for
+    lockstep, which is as fast as the machine and the only repeatable way.
+
+    Raises SimulationError where scenario, tables or arguments do not allow the run.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    _clear(out_dir)
+    try:
+        sink = open_link(link)
+        navigation, orientation = _build_tables(loaded, out_dir / "tables")
+    except (OperatorError, Refused, app.PreflightFailed) as error:
+        raise ScenarioError(str(error)) from error
+    console = Console(stderr=True)
+    with _progress(console) as progress:
+        stage = progress.add_task("starting", total=None)
+        period_ns = int(navigation.values["tick_period_ns"][0])
+        world = World.build(loaded, period_ns, lambda text: progress.update(stage, description=text))
+        journal = Journal(out_dir)
+        try:
+            with VirtualBusPair() as pair:
+                clock: Clock = (
+                    LockstepClock(world.counter0_ns) if speed is None else RealTimeClock(world.counter0_ns, speed)
+                )
+                loop = app.build(
+                    navigation,
+                    orientation,
+                    clock,
+                    CanPort(lambda: pair.flight),
+                    journal,
+                    sink,
+                    world.start_unix_ns,
+                    lambda done, total, name: progress.update(
+                        stage, description=f"compiling {name}", completed=done, total=total
+                    ),
+                )
+                if speed is not None:
+                    clock = loop.clock = RealTimeClock(world.counter0_ns, speed)
+                monitor = Monitor(world.n_ticks)
+                progress.update(stage, description=f"flying {loaded.scenario.name}", total=world.n_ticks, completed=0)
+                started = time.perf_counter()
+                estimate = _fly(world, loop, pair, monitor, clock, lambda tick: progress.update(stage, completed=tick))
+                wall_s = time.perf_counter() - started
+        finally:
+            journal.close()
+        progress.update(stage, description="writing the record", total=None)
+        world.save_truth(out_dir / "truth.npz")
+        monitor.save(out_dir / "monitor.npz")
+        np.savez(out_dir / "estimate.npz", t_gps_ns=estimate[0], da_mps2=estimate[1])
+        summary = _summarise(loaded, world, loop, monitor, navigation, wall_s, out_dir)
+        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, speed))
+        _write_json(out_dir / "timing.json", _timing(loop, wall_s, speed))
+        _write_json(out_dir / "summary.json", summary)
+        progress.update(stage, description="drawing figures")
+        figures = make_figures(out_dir)
+    print(render_verdict(summary))
+    print(f"record and {len(figures)} figures in {out_dir}")
+    return 0
+
+
+def _clear(out_dir: Path) -> None:
+    """Take away what a former run left, so that no file of two runs is ever mixed."""
+    for name in ("summary.json", "run.json", "timing.json", "can.log", "link.tlog"):
+        (out_dir / name).unlink(missing_ok=True)
+    for name in ("truth.npz", "monitor.npz", "estimate.npz"):
+        (out_dir / name).unlink(missing_ok=True)
+    for name in ("figures", "tables", "replay"):
+        shutil.rmtree(out_dir / name, ignore_errors=True)
+
+
+def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, TableImage]:
+    """Build both tables into the run's folder and load them from there, as flight does anywhere else."""
+    flight = loaded.scenario.flight
+    start_ns = loaded.t_start_gps_ns
+    stop_ns = start_ns + round(loaded.scenario.time.duration_s * 1e9)
+    finals = earth_orientation_file(loaded)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / app.NAVIGATION_FILE).write_bytes(build_navigation(flight.table_set, flight.table or None))
+    (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
+        build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
+    )
+    return app.load_tables(folder)
+
+
+def _fly(
+    world: World, loop: MainLoop, pair: VirtualBusPair, monitor: Monitor, clock: Clock, report: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tick world and flight to the end of the scenario; returns time and value of flight's dA, every ten seconds."""
+    every = max(1, _ESTIMATE_STEP_S * 1_000_000_000 // loop.period_ns)
+    rows = -(-world.n_ticks // every)
+    t_gps_ns = np.zeros(rows, np.int64)
+    da_mps2 = np.full((rows, 3), np.nan)
+    at = loop.out_reader.at
+    place = at["da_gcrf_mps2"]
+    for k in range(world.n_ticks):
+        counter_ns = world.counter_ns(k)
+        clock.wait_until(counter_ns)
+        world.send_due(k, pair.world, (world.start_unix_ns + k * loop.period_ns) * 1e-9)
+        loop.run_tick()
+        loop.rest(counter_ns + loop.period_ns)
+        monitor.drain(pair.world)
+        if k % every == 0:
+            t_gps_ns[k // every] = loop.out[at["t_gps_ns"]]
+            da_mps2[k // every] = loop.out[place : place + 3]
+        if k % _PROGRESS_TICKS == 0:
+            report(k)
+    return t_gps_ns, da_mps2
+
+
+def _summarise(
+    loaded: LoadedScenario,
+    world: World,
+    loop: MainLoop,
+    monitor: Monitor,
+    navigation: TableImage,
+    wall_s: float,
+    out_dir: Path,
+) -> dict[str, Any]:
+    simulated_s = world.n_ticks * loop.period_ns * 1e-9
+    counts = loop.rejected_by_cause()
+    summary: dict[str, Any] = {
+        "scenario": loaded.scenario.name,
+        "seed": loaded.scenario.seed,
+        "simulated_s": simulated_s,
+        "wall_s": round(wall_s, 3),
+        "realtime_factor": round(simulated_s / wall_s, 1),
+        "ticks": loop.tick,
+        "slips": loop.slips,
+        **evaluate_run(out_dir),
+        "bus": {
+            "sent": world.frames_sent,
+            "accepted": loop.receiver.accepted,
+            "rejected": loop.rejections(),
+            "published": loop.port.sent,
+            "published_intact": monitor.received - monitor.bad_frames - monitor.other_frames,
+        },
+        "mavlink": {"messages": loop.link.messages, "alerts": loop.events.sequence},
+        "rejected_by_cause": {cause.name: counts[cause] for cause in RejectCause if counts[cause]},
+        "journal_dropped": loop.journal.dropped,
+        "tables": {
+            "set": navigation.set_name,
+            "crc32": navigation.crc32,
+            "certificate": Certificate(loop.certificate).name,
+        },
+    }
+    summary["verdict"] = render_verdict(summary).splitlines()
+    return summary
+
+
+def _provenance(
+    loaded: LoadedScenario, navigation: TableImage, orientation: TableImage, speed: float | None
+) -> dict[str, Any]:
+    """What flew: enough to say later whether a replay may be expected to give the same bytes."""
+    return {
+        "scenario": loaded.scenario.name,
+        "seed": loaded.scenario.seed,
+        "scenario_keys": {key: str(origin) for key, origin in sorted(loaded.origin.items())},
+        "lockstep": speed is None,
+        "checkpoint": None,
+        "flight_source_sha256": source_hash(),
+        "tables": {
+            "navigation": {"set": navigation.set_name, "crc32": navigation.crc32},
+            "earth_orientation": {"crc32": orientation.crc32},
+        },
+        "versions": {
+            "leonav": metadata.version("leonav"),
+            "python": platform.python_version(),
+            **{name: metadata.version(name) for name in _LIBRARIES},
+        },
+        "machine": platform.machine(),
+    }
+
+
+def _timing(loop: MainLoop, wall_s: float, speed: float | None) -> dict[str, Any]:
+    return {"lockstep": speed is None, "wall_s": wall_s, "slips": loop.slips, "members": loop.schedule.summary()}
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description:<28}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
