@@ -1,0 +1,104 @@
+# leonav. `make` alone lists what there is to make. Every target sets itself up.
+#
+# Variables: PYTHON  interpreter for the virtual environment (default: the first of CANDIDATES that will do)
+#            RUN     folder that `make console` looks at (default: runs/nominal)
+#            LEONAV_CACHE_DIR  where compiled kernels are kept (default: the user's cache directory)
+#            LEONAV_DATA       folder of real orbits for the tests that use them (default: ../shared/data)
+
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.leonav-setup
+CANDIDATES := python3.11 python3.12 python3.13 python3
+RUN ?= runs/nominal
+OUT := build/test
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help
+help:  ## list the targets
+	@echo "leonav: navigation flight software that bounds its own error"
+	@echo
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | \
+	  while IFS='|' read -r target text; do printf '%-22s %s\n' "$$target" "$$text"; done
+	@echo
+	@echo "Scenarios: $(PY) -m hil_sim list     One run: $(PY) -m hil_sim run SCENARIO"
+
+# The stamp stands for an environment that agrees with pyproject.toml and constraints.txt. While it does, nothing is
+# asked of any package index. Without a network, pip's own variables (PIP_NO_INDEX, PIP_FIND_LINKS) are honoured.
+$(STAMP): pyproject.toml constraints.txt
+	@python=; \
+	for candidate in $(or $(PYTHON),$(CANDIDATES)); do \
+	  if "$$candidate" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+	    python=$$candidate; break; \
+	  fi; \
+	done; \
+	if [ -x $(PY) ] && $(PY) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+	  echo "setup: using $(VENV)"; \
+	elif [ -n "$$python" ]; then \
+	  echo "setup: creating $(VENV) with $$($$python --version)"; \
+	  "$$python" -m venv --clear $(VENV); \
+	else \
+	  echo "setup: no Python 3.11 or later with venv among: $(or $(PYTHON),$(CANDIDATES))." >&2; \
+	  echo "setup: install one, or name it: make setup PYTHON=/path/to/python3" >&2; \
+	  exit 1; \
+	fi
+	@echo "setup: installing pinned dependencies (the satellite data alone are some 100 MB)"
+	@$(PY) -m pip install --quiet -c constraints.txt -e '.[sim,ground,dev]'
+	@touch $@
+
+.PHONY: setup
+setup: $(STAMP)  ## virtual environment with everything; nothing to do while it is up to date
+
+.PHONY: sil
+sil: setup  ## fly the nominal scenario: two orbits, a GNSS outage, a verdict and figures in runs/nominal
+	@$(PY) -m hil_sim run nominal --out runs/nominal
+
+.PHONY: test
+# Every lane runs even if one before it failed; the widest comes last, so that its summary is the last line.
+test: setup  ## all tests: kernels with bounds checks, kernels as plain Python with coverage, then everything
+	@status=0; \
+	for lane in test-bounds test-coverage test-default; do \
+	  $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
+	done; \
+	exit $$status
+
+.PHONY: test-default
+test-default: setup  ## the whole suite as it flies: kernels compiled
+	@$(PY) -m pytest
+
+# Kernels compiled with bounds checks live in a cache folder of their own (flightsw/kernels/kernel_cache.py).
+.PHONY: test-bounds
+test-bounds: setup  ## tests of the kernels, compiled with bounds checks
+	@echo "== kernels with bounds checks"
+	@NUMBA_BOUNDSCHECK=1 $(PY) -m pytest -p tests.lanes --lane=bounds --durations=5
+
+.PHONY: test-coverage
+test-coverage: setup  ## tests of the kernels as plain Python, with line coverage
+	@echo "== kernels as plain Python, coverage"
+	@mkdir -p $(OUT)
+	@NUMBA_DISABLE_JIT=1 COVERAGE_FILE=$(OUT)/coverage $(PY) -m pytest -p tests.lanes --lane=coverage --durations=5 \
+	  --cov --cov-config=pyproject.toml --cov-report=term
+
+.PHONY: check
+check: setup  ## lint, format, types
+	@$(PY) -m ruff check .
+	@$(PY) -m ruff format --check .
+	@$(PY) -m mypy
+
+.PHONY: format
+format: setup  ## rewrite the sources in the project's format
+	@$(PY) -m ruff check --fix .
+	@$(PY) -m ruff format .
+
+.PHONY: console
+console: setup  ## replay a recorded run (RUN=runs/nominal) on the console, 60 times as fast as it was flown
+	@test -f $(RUN)/link.tlog || { echo "console: no $(RUN)/link.tlog; fly one with make sil, or name it: RUN=DIR"; exit 1; }
+	@$(PY) -m ground console --tlog $(RUN)/link.tlog --speed 60
+
+.PHONY: clean
+clean:  ## remove build products and caches; .venv and runs/ stay
+	@rm -rf build dist leonav.egg-info .pytest_cache .hypothesis .ruff_cache .mypy_cache .coverage htmlcov
+	@find flightsw ground hil_sim tests -name __pycache__ -type d -prune -exec rm -rf {} +
