@@ -127,6 +127,11 @@ class World:
         """Onboard counter at tick k [ns]."""
         return self.counter0_ns + k * self.tick_period_ns
 
+    def frames_due(self, k: int) -> list[tuple[int, bytes]]:
+        """Identifier and payload of every frame that arrives between ticks k - 1 and k, in order of arrival."""
+        first = self._due[k - 1] if k else 0
+        return list(zip(self._ids[first : self._due[k]], self._payloads[first : self._due[k]], strict=True))
+
     def send_due(self, k: int, bus: can.BusABC, timestamp_s: float) -> int:
         """Send every frame that has arrived by the true instant of tick k, in order of arrival.
 
