@@ -132,6 +132,10 @@ class World:
         first = self._due[k - 1] if k else 0
         return list(zip(self._ids[first : self._due[k]], self._payloads[first : self._due[k]], strict=True))
 
+    def busy_ticks(self) -> np.ndarray:
+        """Ticks on which at least one frame is due, rising (m,) int64."""
+        return np.flatnonzero(np.diff(self._due, prepend=0))
+
     def send_due(self, k: int, bus: can.BusABC, timestamp_s: float) -> int:
         """Send every frame that has arrived by the true instant of tick k, in order of arrival.
 
