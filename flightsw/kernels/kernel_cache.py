@@ -16,7 +16,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("kernels", "nav", "integrity")
-_COMPILED_FILES = ("records.py", "modes.py", "icd/enums.py", "icd/table_schema.py")
+_COMPILED_FILES = ("records.py", "modes.py", "icd/alerts.py", "icd/enums.py", "icd/table_schema.py")
 
 
 def compiled_sources() -> list[Path]:
