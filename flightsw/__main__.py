@@ -51,6 +51,12 @@ def _replay(options: argparse.Namespace) -> int:
     return 0 if outcome.identical else EXIT_DIFFERENT
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: give a whole number from 1")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="flightsw", description="Navigation that bounds its own error.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="run | replay")
@@ -59,8 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--can", required=True, metavar="INTERFACE:CHANNEL", help="python-can bus, e.g. socketcan:can0")
     run.add_argument("--tables", required=True, type=Path, metavar="DIR", help="folder with the binary tables")
     run.add_argument("--link", metavar="udp:HOST:PORT", help="where MAVLink goes; none without")
-    run.add_argument("--out", type=Path, metavar="DIR", help="folder for can.log and link.tlog; none without")
-    run.add_argument("--ticks", type=int, metavar="N", help="stop after so many ticks")
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs, ready to be replayed; none without")
+    run.add_argument("--ticks", type=_count, metavar="N", help="stop after so many ticks")
     run.set_defaults(action=_run)
 
     replay = commands.add_parser("replay", help="fly the journal of a run again and compare, byte for byte")

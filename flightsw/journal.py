@@ -1,17 +1,27 @@
 """What flight drained and sent, in order: `can.log` in candump text and `link.tlog`.
 
 In the tick a frame is copied into a preallocated ring and nothing more. Formatting and writing happen in the slack.
-A full ring drops its oldest entry and counts it: a slow disk never delays navigation.
+A full ring drops its oldest entry and counts it: a slow disk never delays navigation. A disk that takes nothing is
+asked again in every slack; meanwhile the rings fill, and what falls out of them is counted and told.
 """
 
 from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
+# Identifiers carry these flags as in Linux SocketCAN (can.h).
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+# Flight's own notes about its bus: error frames that it "sent", which no bus ever carries (error classes of
+# linux/can/error.h). Without them a replay could not know when flight was deaf.
+BUS_LOST = ERROR | 0x40
+BUS_REOPENED = ERROR | 0x100
+
 _CAN_SLOTS = 4096
-_CAN_ENTRY = struct.Struct("<qHH64s")
+_CAN_ENTRY = struct.Struct("<qI?B64s")
 _LINK_SLOTS = 1024
 _LINK_ENTRY = struct.Struct("<qH280s")
 _LINK_TIME = struct.Struct(">Q")
@@ -49,32 +59,93 @@ class Ring:
         return values
 
 
-def candump_line(unix_ns: int, frame_id: int, payload: bytes) -> str:
-    """One frame as `candump -L` writes it: CAN FD, bit-rate switch on, channel can0."""
+def candump_line(unix_ns: int, can_id: int, received: bool, payload: bytes) -> str:
+    """One frame as `candump -L -x` writes it: channel can0, R received or T sent; data frames as CAN FD, BRS on."""
     seconds, rest = divmod(unix_ns, 1_000_000_000)
-    return f"({seconds}.{rest // 1000:06d}) can0 {frame_id:03X}##1{payload.hex().upper()}\n"
+    if can_id & ERROR:
+        frame = f"{can_id & 0x3FFFFFFF:08X}#{payload.hex().upper()}"
+    else:
+        name = f"{can_id & 0x1FFFFFFF:08X}" if can_id & EXTENDED else f"{can_id & 0x7FF:03X}"
+        frame = f"{name}#R" if can_id & REMOTE else f"{name}##1{payload.hex().upper()}"
+    return f"({seconds}.{rest // 1000:06d}) can0 {frame} {'R' if received else 'T'}\n"
+
+
+class _Log:
+    """A ring and the file its entries end in, in order. Nothing is lost to a failed write but what the ring drops."""
+
+    __slots__ = ("_fd", "_render", "_rest", "ring")
+
+    def __init__(self, ring: Ring, path: Path | None, render: Callable[[Ring, int], bytes]) -> None:
+        self.ring = ring
+        self._render = render
+        self._rest = b""  # rendered, not yet taken by the disk
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644) if path else -1
+
+    def write_slice(self) -> bool:
+        """Write a bounded part of what waits; False if the disk took nothing of it."""
+        if not self._rest:
+            if not self.ring.count:
+                return True
+            self._rest = self._render(self.ring, min(self.ring.count, _SLICE))
+        if self._fd < 0:
+            self._rest = b""
+            return True
+        try:
+            written = os.write(self._fd, self._rest)
+        except OSError:
+            return False
+        self._rest = self._rest[written:]
+        return written > 0
+
+    def close(self) -> None:
+        while (self._rest or self.ring.count) and self.write_slice():
+            pass
+        self.ring.dropped += self.ring.count + (1 if self._rest else 0)
+        if self._fd >= 0:
+            with suppress(OSError):
+                os.close(self._fd)
+        self._fd = -1
+
+
+def _render_can(ring: Ring, count: int) -> bytes:
+    lines = []
+    for _ in range(count):
+        unix_ns, can_id, received, length, payload = ring.pop()
+        lines.append(candump_line(unix_ns, can_id, bool(received), payload[:length]))  # type: ignore[index]
+    return "".join(lines).encode()
+
+
+def _render_link(ring: Ring, count: int) -> bytes:
+    parts = []
+    for _ in range(count):
+        unix_ns, length, message = ring.pop()
+        parts.append(_LINK_TIME.pack(unix_ns // 1000) + message[:length])  # type: ignore[index]
+    return b"".join(parts)
 
 
 class Journal:
     """Both logs of one run. Without a folder it keeps nothing, at the same cost in the tick."""
 
-    __slots__ = ("_can", "_can_fd", "_link", "_link_fd")
+    __slots__ = ("_can", "_can_log", "_link", "_link_log")
 
     def __init__(self, folder: Path | None) -> None:
         self._can = Ring(_CAN_ENTRY, _CAN_SLOTS)
         self._link = Ring(_LINK_ENTRY, _LINK_SLOTS)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        self._can_fd = os.open(folder / "can.log", flags, 0o644) if folder else -1
-        self._link_fd = os.open(folder / "link.tlog", flags, 0o644) if folder else -1
+        self._can_log = _Log(self._can, folder / "can.log" if folder else None, _render_can)
+        self._link_log = _Log(self._link, folder / "link.tlog" if folder else None, _render_link)
 
     @property
     def dropped(self) -> int:
         """Entries lost to a full ring."""
         return self._can.dropped + self._link.dropped
 
-    def frame(self, unix_ns: int, frame_id: int, payload: bytes | bytearray) -> None:
-        """Note a frame that was drained or sent."""
-        self._can.push(unix_ns, frame_id, len(payload), payload)
+    def frame(self, unix_ns: int, can_id: int, received: bool, payload: bytes | bytearray) -> None:
+        """Note a frame that was drained or sent; the identifier with its flags."""
+        self._can.push(unix_ns, can_id, received, len(payload), payload)
+
+    def bus(self, unix_ns: int, note: int) -> None:
+        """Note BUS_LOST or BUS_REOPENED."""
+        self._can.push(unix_ns, note, False, 8, b"")
 
     def link(self, unix_ns: int, message: bytes | bytearray) -> None:
         """Note a MAVLink message that was sent or received."""
@@ -82,26 +153,10 @@ class Journal:
 
     def write_slice(self) -> None:
         """Write a bounded part of what waits; a slack job."""
-        if self._can.count:
-            lines = []
-            for _ in range(min(self._can.count, _SLICE)):
-                unix_ns, frame_id, length, payload = self._can.pop()
-                lines.append(candump_line(unix_ns, frame_id, payload[:length]))  # type: ignore[index]
-            if self._can_fd >= 0:
-                os.write(self._can_fd, "".join(lines).encode())
-        if self._link.count:
-            parts = []
-            for _ in range(min(self._link.count, _SLICE)):
-                unix_ns, length, message = self._link.pop()
-                parts.append(_LINK_TIME.pack(unix_ns // 1000) + message[:length])  # type: ignore[index]
-            if self._link_fd >= 0:
-                os.write(self._link_fd, b"".join(parts))
+        self._can_log.write_slice()
+        self._link_log.write_slice()
 
     def close(self) -> None:
-        """Write everything that waits and close the files."""
-        while self._can.count or self._link.count:
-            self.write_slice()
-        for fd in (self._can_fd, self._link_fd):
-            if fd >= 0:
-                os.close(fd)
-        self._can_fd = self._link_fd = -1
+        """Write what waits, as far as the disk takes it, and close the files."""
+        self._can_log.close()
+        self._link_log.close()

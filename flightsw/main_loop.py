@@ -16,7 +16,7 @@ from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
-from flightsw.journal import Journal
+from flightsw.journal import BUS_LOST, BUS_REOPENED, Journal
 from flightsw.link.mavlink_out import MavlinkOut, Sink
 from flightsw.link.telemetry import Telemetry
 from flightsw.memory import Memory
@@ -54,7 +54,7 @@ class MainLoop:
         self.certificate = int(Certificate.UNCERTIFIED)
         self.counter_start_ns = clock.counter_ns()
         self.counter_ns = self.counter_start_ns
-        self.unix_start_ns = unix_start_ns
+        self.anchor(unix_start_ns)
         self.tick = 0
         self.slips = 0
         self.out_reader = RecordReader(memory.output)
@@ -72,6 +72,7 @@ class MainLoop:
         self._assembly = EpochAssembly(self.rejected)
         self.receiver = CanReceiver(port, journal, self._assembly, self.rejected)
         self.receiver.drain_limit = int(table["drain_frames_max"])
+        port.tell = self._note_bus
         self.link = MavlinkOut(sink, journal, self.unix_ns)
         schema = SCHEMAS[navigation.kind]
         self._kind = schema.number
@@ -167,8 +168,20 @@ class MainLoop:
 
     # -- accounts
 
+    def _note_bus(self, lost: bool) -> None:
+        self.journal.bus(self.unix_ns(), BUS_LOST if lost else BUS_REOPENED)
+
+    def count_slips(self, count: int) -> None:
+        """Enter ticks that did not begin when they should have; the alert goes out with the next tick."""
+        self.slips += count
+        self._slipped = True
+
+    def anchor(self, unix_ns: int) -> None:
+        """Set the log time of the first tick, in whole microseconds as the logs hold it."""
+        self.unix_start_ns = unix_ns // 1000 * 1000
+
     def unix_ns(self) -> int:
-        """Log time: Unix UTC anchored once at start and never stepped afterwards."""
+        """Log time: Unix UTC, anchored once to the counter at the first tick and never stepped afterwards."""
         return self.unix_start_ns + self.counter_ns - self.counter_start_ns
 
     def rejected_by_cause(self) -> list[int]:
@@ -186,6 +199,8 @@ class MainLoop:
     def run_tick(self) -> None:
         """One tick at the clock's present reading."""
         self.counter_ns = self.clock.counter_ns()
+        if self.tick == 0:
+            self.counter_start_ns = self.counter_ns
         self.schedule.run_tick(self.tick)
         self.tick += 1
 
@@ -201,8 +216,7 @@ class MainLoop:
             late_ns = self.clock.counter_ns() - deadline_ns
             if late_ns > 0 and not self.clock.lockstep:
                 missed = late_ns // self.period_ns + 1
-                self.slips += missed
-                self._slipped = True
+                self.count_slips(missed)
                 deadline_ns += (missed - 1) * self.period_ns
 
     def rest(self, deadline_ns: int) -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import can
 
 from flightsw import app, realtime
 from flightsw.can_port import CanPort
 from flightsw.clock import RealTimeClock
+from flightsw.icd.table_file import TableImage
 from flightsw.journal import Journal
 from flightsw.link.mavlink_out import Nowhere, Sink
+from flightsw.provenance import identity
 
 
 class Refused(ValueError):
@@ -21,12 +25,15 @@ class Refused(ValueError):
 
 
 class UdpSink:
-    """Datagrams to one peer, non-blocking: what the socket does not take at once is lost and counted."""
+    """Datagrams to one peer, non-blocking: what the socket does not take at once is lost and counted.
 
-    def __init__(self, host: str, port: int) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    Args: family and address as `socket.getaddrinfo` gives them: no name is looked up in the tick.
+    """
+
+    def __init__(self, family: int, address: tuple[Any, ...]) -> None:
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._peer = (host, port)
+        self._peer = address
         self.lost = 0
 
     def send(self, message: bytes | bytearray) -> None:
@@ -45,7 +52,12 @@ def open_link(text: str | None) -> Sink:
     host, _, port = peer.rpartition(":")
     if kind != "udp" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise Refused(f"--link {text}: write it as udp:HOST:PORT, for example udp:127.0.0.1:14550")
-    return UdpSink(host, int(port))
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise Refused(f"--link {text}: no host {host} ({error}); give a known name or an address") from None
+    family, _, _, _, address = found[0]
+    return UdpSink(family, address)
 
 
 def open_port(text: str) -> CanPort:
@@ -59,18 +71,37 @@ def open_port(text: str) -> CanPort:
         raise Refused(f"--can {text}: cannot be opened: {error}") from error
 
 
+def open_logs(out: Path | None, tables: Path, navigation: TableImage, orientation: TableImage) -> Journal:
+    """The journal in `out`, with what a replay needs beside it: run.json and a copy of the tables. None: no logs."""
+    if out is None:
+        return Journal(None)
+    try:
+        (out / "tables").mkdir(parents=True, exist_ok=True)
+        for name in (app.NAVIGATION_FILE, app.EARTH_ORIENTATION_FILE):
+            image = (tables / name).read_bytes()  # read before writing: the two folders may be one
+            (out / "tables" / name).write_bytes(image)
+        record = {"lockstep": False, **identity(navigation, orientation)}
+        (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        return Journal(out)
+    except OSError as error:
+        raise Refused(f"--out {out}: cannot be written ({error.strerror}); name another folder") from error
+
+
 def run(can_bus: str, tables: Path, link: str | None, out: Path | None, ticks: int | None) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status."""
     navigation, orientation = app.load_tables(tables)
     sink = open_link(link)
     port = open_port(can_bus)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    journal = Journal(out)
+    try:
+        journal = open_logs(out, tables, navigation, orientation)
+    except Refused:
+        port.close()
+        raise
     try:
         loop = app.build(navigation, orientation, RealTimeClock(), port, journal, sink, time.time_ns(), _tell_progress)
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
+        loop.anchor(time.time_ns())  # once more: compiling may have taken a minute
         loop.run(ticks)
     finally:
         journal.close()

@@ -43,7 +43,7 @@ class Publisher:
         box.pack_into(box.buffer, 0, *values, 0, 0)  # counter and CRC follow
         can_codec.seal(box.layout, box.buffer, box.counter)
         box.counter = (box.counter + 1) & 0xFF
-        self._journal.frame(unix_ns, box.frame_id, box.buffer)
+        self._journal.frame(unix_ns, box.frame_id, False, box.buffer)
         self._port.send(box.frame_id, box.buffer, unix_ns * 1e-9)
 
     def state(self, unix_ns: int, out: tuple[float, ...], nis: float, alerts: int, certificate: int) -> None:

@@ -1,14 +1,16 @@
 """Replay: the journal of a run fed into flight alone. Same inputs, same tables: same outbound bytes.
 
-Flight is a function of tables and journal. A tick's inputs are the sensor frames journalled before its heartbeat,
-which also carries the counter the tick ran at.
+Flight is a function of tables and journal. A tick's inputs are the frames noted as received before its heartbeat,
+which also carries the counter the tick ran at and the slips counted until then, and the notes on a lost bus.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,68 +19,143 @@ import can
 from flightsw import app
 from flightsw.can_port import CanPort
 from flightsw.clock import LockstepClock
-from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, LAYOUTS
-from flightsw.journal import Journal
-from flightsw.kernels.kernel_cache import source_hash
+from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
+from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, Journal
 from flightsw.link.mavlink_out import Nowhere
+from flightsw.provenance import differences, identity
 
-_PUBLISHED = frozenset(layout.frame_id for layout in LAYOUTS.values() if layout.sender == FLIGHT_HEARTBEAT.sender)
 _HEARTBEAT = struct.Struct(FLIGHT_HEARTBEAT.struct_format)
+_LINE = re.compile(r"\((\d+)\.(\d{6})\) \S+ ([0-9A-F]{3}|[0-9A-F]{8})#(R|#1|)((?:[0-9A-F]{2})*) ([RT])")
 
 
 class ReplayRefused(ValueError):
     """The folder cannot be replayed; the text says why."""
 
 
-class Tick(NamedTuple):
-    """One tick of a journal: the counter it ran at, its log time, the frames it drained."""
+@dataclass
+class Tick:
+    """One tick of a journal: what it ran at, the frames it drained, and how its bus fared.
 
-    counter_ns: int
-    unix_ns: int
-    frames: list[tuple[int, bytes]]
+    `reopened`: the bus was brought back in the slack before this tick. A failure is noted by where it struck:
+    `lost_receiving`, after the last of the frames, or `lost_sending`, the index of the frame that could not be sent.
+    """
+
+    frames: list[tuple[int, bytes]] = field(default_factory=list)
+    number: int = -1
+    counter_ns: int = 0
+    unix_ns: int = 0
+    slips: int = 0
+    reopened: bool = False
+    lost_receiving: bool = False
+    lost_sending: int | None = None
 
 
 def read_ticks(path: Path) -> Iterator[Tick]:
-    """Ticks of a can.log, in order; ReplayRefused names the first line that is not of flight's making."""
-    frames: list[tuple[int, bytes]] = []
+    """Ticks of a can.log, in order; ReplayRefused names the first line that is not of flight's making.
+
+    A tick's heartbeat is the last frame it sends; a note that this very frame could not be sent follows it.
+    """
+    tick, sent, expected = Tick(), 0, 0
+    ended: Tick | None = None
     with path.open(encoding="ascii", errors="replace") as lines:
-        for number, line in enumerate(lines, 1):
-            try:
-                stamp, _channel, content = line.split()
-                frame_id_text, _, rest = content.partition("##")
-                frame_id, payload = int(frame_id_text, 16), bytes.fromhex(rest[1:])
-                seconds, _, micros = stamp.strip("()").partition(".")
-                unix_ns = int(seconds) * 1_000_000_000 + int(micros) * 1000
-            except ValueError:
-                raise ReplayRefused(f"{path}: line {number} is not candump text of a CAN FD frame") from None
-            if frame_id == FLIGHT_HEARTBEAT.frame_id:
-                yield Tick(_HEARTBEAT.unpack(payload)[1], unix_ns, frames)
-                frames = []
-            elif frame_id not in _PUBLISHED:
-                frames.append((frame_id, payload))
+        for line_number, line in enumerate(lines, 1):
+            unix_ns, can_id, received, payload = _parse(path, line_number, line)
+            lost = not received and can_id == BUS_LOST
+            if ended is not None:
+                if lost and unix_ns == ended.unix_ns:
+                    ended.lost_sending = _FRAMES_OF_A_TICK - 1
+                    continue
+                yield ended
+                ended = None
+            if received:
+                tick.frames.append((can_id, payload))
+            elif lost and sent:
+                tick.lost_sending = sent - 1
+            elif lost:
+                tick.lost_receiving = True
+            elif can_id == BUS_REOPENED:
+                tick.reopened = True
+            elif can_id == FLIGHT_HEARTBEAT.frame_id:
+                if len(payload) != FLIGHT_HEARTBEAT.length:
+                    raise ReplayRefused(f"{path}: line {line_number}: a heartbeat of {len(payload)} bytes")
+                tick.number, tick.counter_ns, tick.slips = _HEARTBEAT.unpack(payload)[:3]
+                if tick.number != expected:
+                    raise ReplayRefused(
+                        f"{path}: line {line_number}: tick {tick.number} where {expected} should be: the journal lost "
+                        "entries (LEONAV_COUNTERS.journal_dropped), such a flight cannot be repeated"
+                    )
+                tick.unix_ns = unix_ns
+                ended, tick, sent, expected = tick, Tick(), 0, expected + 1
+            else:
+                sent += 1
+    if ended is not None:
+        yield ended
+
+
+_FRAMES_OF_A_TICK = 3  # NAV_STATE, INTEGRITY, FLIGHT_HEARTBEAT
+
+
+def _parse(path: Path, line_number: int, line: str) -> tuple[int, int, bool, bytes]:
+    match = _LINE.fullmatch(line.rstrip("\n"))
+    if match is None:
+        raise ReplayRefused(
+            f"{path}: line {line_number} is not candump text with directions (candump -L -x) as flight writes it"
+        )
+    seconds, micros, name, kind, data, direction = match.groups()
+    can_id = int(name, 16)
+    if kind == "R":
+        can_id |= REMOTE
+    if len(name) == 8 and not (kind == "" and can_id & ERROR):
+        can_id |= EXTENDED
+    unix_ns = int(seconds) * 1_000_000_000 + int(micros) * 1000
+    return unix_ns, can_id, direction == "R", bytes.fromhex(data)
 
 
 class _JournalBus:
-    """Stands where the bus was: gives what was drained, takes what is sent and drops it (the journal has it)."""
+    """Stands where the bus was: gives what was drained, takes what is sent, fails and comes back where it did."""
 
     def __init__(self) -> None:
         self._waiting: list[can.Message] = []
+        self._tick = Tick()
+        self._sent = 0
+        self.may_open = True
 
-    def load(self, frames: list[tuple[int, bytes]]) -> None:
-        self._waiting = [
-            can.Message(arbitration_id=frame_id, data=payload, is_extended_id=False, is_fd=True)
-            for frame_id, payload in reversed(frames)
-        ]
+    def open(self) -> _JournalBus:
+        if not self.may_open:
+            raise can.CanInitializationError("the bus of the run was off")
+        return self
+
+    def load(self, tick: Tick) -> None:
+        self._tick, self._sent = tick, 0
+        self._waiting = [_message(can_id, payload) for can_id, payload in reversed(tick.frames)]
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         del timeout
-        return self._waiting.pop() if self._waiting else None
+        if self._waiting:
+            return self._waiting.pop()
+        if self._tick.lost_receiving:
+            raise can.CanOperationError("lost here in the run")
+        return None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         del msg, timeout
+        self._sent += 1
+        if self._sent - 1 == self._tick.lost_sending:
+            raise can.CanOperationError("lost here in the run")
 
     def shutdown(self) -> None:
         self._waiting = []
+
+
+def _message(can_id: int, payload: bytes) -> can.Message:
+    return can.Message(
+        arbitration_id=can_id & 0x1FFFFFFF,
+        data=None if can_id & REMOTE else payload,
+        is_extended_id=bool(can_id & EXTENDED),
+        is_remote_frame=bool(can_id & REMOTE),
+        is_error_frame=bool(can_id & ERROR),
+        is_fd=not can_id & (REMOTE | ERROR),
+    )
 
 
 class Outcome(NamedTuple):
@@ -100,14 +177,9 @@ def check_versions(run_dir: Path) -> list[str]:
         run = json.loads((run_dir / "run.json").read_text())
     except (OSError, ValueError) as error:
         raise ReplayRefused(f"{run_dir}: no readable run.json; give the folder that a run left ({error})") from None
-    differences = []
-    if run.get("flight_source_sha256") != source_hash():
-        differences.append("the compiled flight code is not that of the run")
-    for image, name in zip(app.load_tables(run_dir / "tables"), ("navigation", "earth_orientation"), strict=True):
-        wanted = run.get("tables", {}).get(name, {}).get("crc32")
-        if wanted != image.crc32:
-            differences.append(f"table {name} has CRC {image.crc32:08x}, the run flew {wanted!r}")
-    return differences
+    if not isinstance(run, dict):
+        raise ReplayRefused(f"{run_dir / 'run.json'}: not the record of a run")
+    return differences(run, identity(*app.load_tables(run_dir / "tables")))
 
 
 def replay(run_dir: Path, out_dir: Path) -> Outcome:
@@ -116,20 +188,30 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
     navigation, orientation = app.load_tables(run_dir / "tables")
-    out_dir.mkdir(parents=True, exist_ok=True)
-    journal = Journal(out_dir)
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        if out_dir.samefile(run_dir):
+            raise ReplayRefused(f"--out {out_dir}: is the run itself; name another folder")
+        journal = Journal(out_dir)
+    except OSError as error:
+        raise ReplayRefused(f"--out {out_dir}: cannot be written ({error.strerror}); name another folder") from None
     bus = _JournalBus()
     loop = None
     try:
         for tick in read_ticks(run_dir / "can.log"):
             if loop is None:
                 clock = LockstepClock(tick.counter_ns)
-                port = CanPort(lambda: bus)  # type: ignore[arg-type, return-value]
+                port = CanPort(bus.open)  # type: ignore[arg-type]
                 loop = app.build(navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns)
-            bus.load(tick.frames)
+            else:
+                # the slack of the tick before, in which the bus came back or did not
+                bus.may_open = tick.reopened
+                loop.rest(tick.counter_ns)
+            if tick.slips > loop.slips:
+                loop.count_slips(tick.slips - loop.slips)
+            bus.load(tick)
             clock.wait_until(tick.counter_ns)
             loop.run_tick()
-            loop.rest(tick.counter_ns)
     finally:
         journal.close()
     if loop is None:

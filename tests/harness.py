@@ -6,6 +6,7 @@ was told and what it said are recorded, so that two flights can be compared bit 
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from collections.abc import Iterable
@@ -27,6 +28,7 @@ from flightsw.icd.enums import RejectCause
 from flightsw.icd.table_file import TableImage, decode
 from flightsw.journal import Journal
 from flightsw.link.mavlink_out import Nowhere, Sink
+from flightsw.provenance import identity
 from flightsw.records import NAV, OUTPUT
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
@@ -83,7 +85,7 @@ class Flight:
     """A world and a flight in lockstep; use as a context manager.
 
     `counts`: rejections by name of cause. `out`: the output record (1,) of the tick's last step. `flown`: OUTPUT of
-    every tick so far. `published`: every frame flight sent.
+    every tick so far. `published`: every frame flight sent. `bus` is flight's end, and fails when told to.
     """
 
     def __init__(
@@ -91,7 +93,6 @@ class Flight:
         loaded: LoadedScenario,
         folder: Path | None = None,
         sink: Sink | None = None,
-        port: CanPort | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.loaded = loaded
@@ -99,13 +100,14 @@ class Flight:
         self.period_ns = int(self.navigation.values["tick_period_ns"][0])
         self.world = World.build(loaded, self.period_ns)
         self.pair = VirtualBusPair()
+        self.bus = FlakyBus(self.pair.flight)
         self.journal = Journal(folder)
         self.clock = clock if clock is not None else LockstepClock(self.world.counter0_ns)
         self.loop = app.build(
             self.navigation,
             self.orientation,
             self.clock,
-            port if port is not None else CanPort(lambda: self.pair.flight),
+            CanPort(self.bus.open),  # type: ignore[arg-type]
             self.journal,
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
@@ -179,6 +181,19 @@ class Flight:
         return np.abs(self.flown["r_gcrf_m"] - self.world.r_true_gcrf_m[: self.k]).max(axis=1)
 
 
+def save_run(flight: Flight, folder: Path) -> Path:
+    """Put beside the logs of a flight what a replay needs; returns the folder."""
+    build = flight.loaded.scenario.flight
+    (folder / "tables").mkdir()
+    (folder / "tables" / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
+    start = flight.loaded.t_start_gps_ns
+    stop = start + round(flight.loaded.scenario.time.duration_s * NS)
+    image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
+    (folder / "tables" / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation)))
+    return folder
+
+
 def flown(*settings: str, name: str = "nominal") -> Flight:
     """A scenario flown to its end; bus and journal are closed, the records remain."""
     with Flight(load(*settings, name=name)) as flight:
@@ -225,6 +240,49 @@ def reseal(frame_id: int, payload: bytes, counter: int | None = None) -> bytes:
     buffer = bytearray(payload)
     can_codec.seal(layout, buffer, buffer[layout.counter_offset] if counter is None else counter)
     return bytes(buffer)
+
+
+class FlakyBus:
+    """A bus end that fails when told to: `fail(what)` makes the next `recv` or the n-th next `send` raise."""
+
+    def __init__(self, inner: can.BusABC) -> None:
+        self._inner = inner
+        self._recv_error: Exception | None = None
+        self._send_error: Exception | None = None
+        self._sends_before = 0
+        self.stays_down = False
+        self.opened = 0
+        self.shutdowns = 0
+
+    def open(self) -> FlakyBus:
+        """Flight's opener: refuses while `stays_down`."""
+        if self.stays_down:
+            raise can.CanInitializationError("no such device")
+        self.opened += 1
+        return self
+
+    def fail_receiving(self, error: Exception) -> None:
+        self._recv_error = error
+
+    def fail_sending(self, error: Exception, after: int = 0) -> None:
+        self._send_error, self._sends_before = error, after
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        error, self._recv_error = self._recv_error, None
+        if error is not None:
+            raise error
+        return self._inner.recv(timeout)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self._send_error is not None:
+            if self._sends_before == 0:
+                error, self._send_error = self._send_error, None
+                raise error
+            self._sends_before -= 1
+        self._inner.send(msg, timeout=timeout)
+
+    def shutdown(self) -> None:
+        self.shutdowns += 1
 
 
 def frame(frame_id: int, counter: int = 0, **values: float) -> bytes:

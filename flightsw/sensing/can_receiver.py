@@ -9,7 +9,7 @@ from flightsw.icd import can_codec
 from flightsw.icd.can_frames import GNSS_POSITION, GNSS_VELOCITY, TIME_SYNC
 from flightsw.icd.enums import RejectCause
 from flightsw.icd.frame_layout import FrameLayout
-from flightsw.journal import Journal
+from flightsw.journal import ERROR, EXTENDED, REMOTE, Journal
 from flightsw.sensing.epoch_assembly import EpochAssembly
 
 _BAD_LENGTH = int(RejectCause.BAD_LENGTH)
@@ -62,14 +62,15 @@ class CanReceiver:
                 return
             self.received += 1
             data = message.data
+            can_id = message.arbitration_id
             if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
-                self.rejected[_UNKNOWN_ID] += 1
-                continue
-            self._journal.frame(unix_ns, message.arbitration_id, data)
-            self.take(message.arbitration_id, data)
+                can_id |= ERROR if message.is_error_frame else 0
+                can_id |= (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
+            self._journal.frame(unix_ns, can_id, True, data)
+            self.take(can_id, data)
 
     def take(self, frame_id: int, data: bytes | bytearray) -> None:
-        """Check one frame and pass it on.
+        """Check one frame and pass it on; the identifier with its flags, so that no other sort of frame fits.
 
         A skipped alive counter counts the frames lost, and the frame is used; a repeated one is dropped. A
         receiver that starts anew is understood at once, or with its second frame if the counters happen to meet.
