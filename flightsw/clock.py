@@ -39,25 +39,53 @@ class LockstepClock:
         self._now_ns = counter_ns
 
 
-class RealTimeClock:
-    """The machine's monotonic clock, started at a reading and scaled: speed 10 makes ten seconds of one."""
+class PacedClock(LockstepClock):
+    """Lockstep for spectators: a reading is shown when real time, times `speed`, has reached it.
 
-    __slots__ = ("_origin_ns", "_speed", "_start_ns")
-    lockstep = False
+    Flight works on the very readings of a lockstep run, so a paced run is repeatable and leaves the same logs. A
+    reading that comes late by a period or more is late for good: what follows keeps its pace, nothing is caught up.
+    """
 
-    def __init__(self, counter_ns: int = 0, speed: float = 1.0) -> None:
+    __slots__ = ("_origin_ns", "_period_ns", "_speed", "_start_ns", "missed")
+
+    def __init__(self, counter_ns: int, period_ns: int, speed: float) -> None:
         if not speed > 0.0:
             raise ValueError(f"speed {speed} is not positive")
-        self._origin_ns = time.monotonic_ns()
+        super().__init__(counter_ns)
         self._start_ns = counter_ns
+        self._period_ns = period_ns
         self._speed = speed
+        self._origin_ns = -1
+        self.missed = 0  # whole periods by which the run has fallen behind its pace
+
+    def wait_until(self, counter_ns: int) -> None:
+        now_ns = time.monotonic_ns()
+        if self._origin_ns < 0:
+            self._origin_ns = now_ns
+        due_ns = self._origin_ns + (counter_ns - self._start_ns) / self._speed
+        behind = int((now_ns - due_ns) * self._speed) // self._period_ns
+        if behind > 0:
+            self.missed += behind
+            self._origin_ns += int(behind * self._period_ns / self._speed)
+        elif now_ns < due_ns:
+            time.sleep((due_ns - now_ns) * 1e-9)
+        super().wait_until(counter_ns)
+
+
+class RealTimeClock:
+    """The machine's monotonic clock, started at a reading."""
+
+    __slots__ = ("_origin_ns",)
+    lockstep = False
+
+    def __init__(self, counter_ns: int = 0) -> None:
+        self._origin_ns = time.monotonic_ns() - counter_ns
 
     def counter_ns(self) -> int:
-        elapsed_ns = time.monotonic_ns() - self._origin_ns
-        return self._start_ns + (elapsed_ns if self._speed == 1.0 else int(elapsed_ns * self._speed))
+        return time.monotonic_ns() - self._origin_ns
 
     def wait_until(self, counter_ns: int) -> None:
         # Python's sleep is clock_nanosleep on the monotonic clock with an absolute deadline.
-        remaining_ns = (counter_ns - self.counter_ns()) / self._speed
+        remaining_ns = counter_ns - self.counter_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * 1e-9)

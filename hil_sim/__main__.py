@@ -60,7 +60,17 @@ def _run(options: argparse.Namespace) -> int:
     out_dir = options.out if options.out is not None else Path("runs") / loaded.scenario.name
     from hil_sim import sil
 
-    return int(sil.run(loaded, out_dir) or 0)
+    return int(sil.run(loaded, out_dir, options.link, options.speed) or 0)
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0.01 <= speed <= 1e4:
+        raise argparse.ArgumentTypeError(f"{text}: give a number from 0.01 to 10000, 1 for real time")
+    return speed
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -83,6 +93,17 @@ def _parser() -> argparse.ArgumentParser:
         )
         if name == "run":
             command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO)")
+            command.add_argument(
+                "--link",
+                metavar="udp:HOST:PORT",
+                help="send MAVLink there too, for example to a console; logged always",
+            )
+            command.add_argument(
+                "--speed",
+                type=_speed,
+                metavar="X",
+                help="pace the run at X times real time (default: as fast as it goes)",
+            )
         command.set_defaults(action=action)
     return parser
 

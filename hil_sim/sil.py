@@ -7,7 +7,6 @@ leaves a run folder that says everything that happened.
 from __future__ import annotations
 
 import json
-import platform
 import shutil
 import time
 from importlib import metadata
@@ -20,13 +19,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from flightsw import app
 from flightsw.can_port import CanPort
-from flightsw.clock import Clock, LockstepClock, RealTimeClock
+from flightsw.clock import LockstepClock, PacedClock
 from flightsw.icd.enums import Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import Journal
-from flightsw.kernels.kernel_cache import source_hash
 from flightsw.main_loop import MainLoop
 from flightsw.onboard import Refused, open_link
+from flightsw.provenance import identity
 from ground.errors import OperatorError
 from ground.reports.figures import make_figures
 from ground.reports.verdict import render_verdict
@@ -41,19 +40,18 @@ from hil_sim.world import World, earth_orientation_file
 _MARGIN_NS = 3_600_000_000_000
 _ESTIMATE_STEP_S = 10
 _PROGRESS_TICKS = 500
-_LIBRARIES = ("numpy", "numba", "llvmlite", "python-can", "pymavlink", "satkit", "satkit-data", "astropy-iers-data")
+_LIBRARIES = ("satkit", "satkit-data", "astropy-iers-data")  # of the world; flight names its own
 
 
 def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: float | None = None) -> int:
     """Fly a scenario and leave its record in `out_dir`; prints the verdict. Returns the exit status, 0 for done.
 
-    Args: link, `udp:HOST:PORT` to send MAVLink to besides the log; speed, real time times this factor, or None for
-    lockstep, which is as fast as the machine and the only repeatable way.
+    Args: link, `udp:HOST:PORT` to send MAVLink to besides the log; speed, paced at real time times this factor, or None
+    for as fast as the machine can. Either way world and flight go in lockstep and the logs are the same.
 
     Raises SimulationError where scenario, tables or arguments do not allow the run.
     """
-    out_dir.mkdir(parents=True, exist_ok=True)
-    _clear(out_dir)
+    _prepare_folder(out_dir)
     try:
         sink = open_link(link)
         navigation, orientation = _build_tables(loaded, out_dir / "tables")
@@ -67,8 +65,10 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
         journal = Journal(out_dir)
         try:
             with VirtualBusPair() as pair:
-                clock: Clock = (
-                    LockstepClock(world.counter0_ns) if speed is None else RealTimeClock(world.counter0_ns, speed)
+                clock = (
+                    LockstepClock(world.counter0_ns)
+                    if speed is None
+                    else PacedClock(world.counter0_ns, period_ns, speed)
                 )
                 loop = app.build(
                     navigation,
@@ -82,8 +82,6 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
                         stage, description=f"compiling {name}", completed=done, total=total
                     ),
                 )
-                if speed is not None:
-                    clock = loop.clock = RealTimeClock(world.counter0_ns, speed)
                 monitor = Monitor(world.n_ticks)
                 progress.update(stage, description=f"flying {loaded.scenario.name}", total=world.n_ticks, completed=0)
                 started = time.perf_counter()
@@ -96,14 +94,23 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
         monitor.save(out_dir / "monitor.npz")
         np.savez(out_dir / "estimate.npz", t_gps_ns=estimate[0], da_mps2=estimate[1])
         summary = _summarise(loaded, world, loop, monitor, navigation, wall_s, out_dir)
-        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, speed))
-        _write_json(out_dir / "timing.json", _timing(loop, wall_s, speed))
+        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation))
+        _write_json(out_dir / "timing.json", _timing(loop, wall_s, clock))
         _write_json(out_dir / "summary.json", summary)
         progress.update(stage, description="drawing figures")
         figures = make_figures(out_dir)
     print(render_verdict(summary))
     print(f"record and {len(figures)} figures in {out_dir}")
     return 0
+
+
+def _prepare_folder(out_dir: Path) -> None:
+    """An empty folder for the run; ScenarioError where there can be none."""
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        _clear(out_dir)
+    except OSError as error:
+        raise ScenarioError(f"--out {out_dir}: cannot be written ({error.strerror}); name another folder") from None
 
 
 def _clear(out_dir: Path) -> None:
@@ -131,7 +138,7 @@ def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tab
 
 
 def _fly(
-    world: World, loop: MainLoop, pair: VirtualBusPair, monitor: Monitor, clock: Clock, report: Any
+    world: World, loop: MainLoop, pair: VirtualBusPair, monitor: Monitor, clock: LockstepClock, report: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Tick world and flight to the end of the scenario; returns time and value of flight's dA, every ten seconds."""
     every = max(1, _ESTIMATE_STEP_S * 1_000_000_000 // loop.period_ns)
@@ -195,32 +202,31 @@ def _summarise(
     return summary
 
 
-def _provenance(
-    loaded: LoadedScenario, navigation: TableImage, orientation: TableImage, speed: float | None
-) -> dict[str, Any]:
-    """What flew: enough to say later whether a replay may be expected to give the same bytes."""
+def _provenance(loaded: LoadedScenario, navigation: TableImage, orientation: TableImage) -> dict[str, Any]:
+    """What flew, and in which world: enough to repeat the run, and to say whether a replay may give the same bytes."""
+    flight = identity(navigation, orientation)
     return {
         "scenario": loaded.scenario.name,
         "seed": loaded.scenario.seed,
         "scenario_keys": {key: str(origin) for key, origin in sorted(loaded.origin.items())},
-        "lockstep": speed is None,
-        "checkpoint": None,
-        "flight_source_sha256": source_hash(),
-        "tables": {
-            "navigation": {"set": navigation.set_name, "crc32": navigation.crc32},
-            "earth_orientation": {"crc32": orientation.crc32},
-        },
+        "lockstep": True,
+        **flight,
         "versions": {
+            **flight["versions"],
             "leonav": metadata.version("leonav"),
-            "python": platform.python_version(),
             **{name: metadata.version(name) for name in _LIBRARIES},
         },
-        "machine": platform.machine(),
     }
 
 
-def _timing(loop: MainLoop, wall_s: float, speed: float | None) -> dict[str, Any]:
-    return {"lockstep": speed is None, "wall_s": wall_s, "slips": loop.slips, "members": loop.schedule.summary()}
+def _timing(loop: MainLoop, wall_s: float, clock: LockstepClock) -> dict[str, Any]:
+    return {
+        "lockstep": True,
+        "wall_s": wall_s,
+        "slips": loop.slips,
+        "pace_missed_ticks": clock.missed if isinstance(clock, PacedClock) else None,
+        "members": loop.schedule.summary(),
+    }
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
