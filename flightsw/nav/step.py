@@ -8,6 +8,8 @@ so it does not depend on how often, or when within the interval, it is asked for
 
 from __future__ import annotations
 
+import math
+
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import RejectCause
 from flightsw.integrity import failure_flag
@@ -15,7 +17,7 @@ from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
 from flightsw.nav import chain, clock, fix, fix_checks
 from flightsw.nav.publish import publish
-from flightsw.records import INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+from flightsw.records import INPUT, MEASUREMENTS, NAV, ORIENTATION, OUTPUT, TABLE, WORK
 
 _CLOCK_UNSET = int(RejectCause.CLOCK_UNSET)
 _TIME_JUMP = int(RejectCause.TIME_JUMP)
@@ -95,6 +97,12 @@ def step(nav_record, input_record, table_record, orientation_record, work_record
     out.fix_seen = 0
     out.fix_used = 0
     out.fix_cause = -1
+    out.fix_gps_ns = 0
+    out.gate = table.gate_nis
+    out.nis = math.nan  # a fix refused before the filter has no innovation, least of all that of the fix before it
+    for i in range(MEASUREMENTS):
+        out.innovation[i] = math.nan
+        out.innovation_sigma[i] = math.nan
 
     if inp.pulse_present:
         _keep_time(nav, table, inp, out)

@@ -182,3 +182,19 @@ def test_what_is_refused_is_told_by_cause(clean: Flight) -> None:
     assert told.accepted == flight.loop.receiver.accepted
     beats = [payload for _, frame_id, payload in flight.published if frame_id == 0x202]
     assert int.from_bytes(beats[-1][20:24], "little") == sum(counts.values())
+
+
+def test_a_fix_refused_before_the_filter_has_no_innovation() -> None:
+    """GIVEN a good fix, then one of NaN THEN LEONAV_INNOVATION of the second tells its cause and not the numbers of the
+    first.
+    """
+    sink = Telemetry()
+    with Flight(load("flight.table.rate_status_ticks=1", faults(fault("nan", 30, 5))), sink=sink) as flight:
+        flight.fly(32.0)
+    told = sink.of("LEONAV_INNOVATION")
+    good, bad = told[280], told[-1]
+    assert (good.used, good.cause) == (1, 0xFF)
+    assert 0.0 < good.nis < 60.0
+    assert (bad.used, bad.cause) == (0, RejectCause.NOT_FINITE)
+    assert np.isnan([bad.nis, *bad.innovation, *bad.sigma]).all()
+    assert bad.t_gps_ns > good.t_gps_ns
