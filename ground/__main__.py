@@ -24,6 +24,8 @@ ROOMS: dict[str, tuple[str, str]] = {
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
+    "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
+    "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),
 }
 
 # what an ImportError of these means: the extra that brings them
@@ -36,6 +38,7 @@ _EXTRAS = {
     "textual_plotext": "ground",
     "rich": "ground",
     "satkit": "sim",
+    "msgspec": "sim",
     "distributed": "cluster",
 }
 

@@ -84,8 +84,10 @@ def integrated_error(run: Run) -> Figure:
     e = style.buckets(run.t_s, error)
     axes.fill_between(e.t / unit_s, e.low, e.high, color=style.ERROR, alpha=0.25, lw=0)
     axes.plot(e.t / unit_s, e.rms, color=style.ERROR, label="error, largest axis (rms, range)")
-    t, b = style.thin(run.t_s, bound)
-    axes.plot(t / unit_s, b, color=style.BOUND, lw=1.8, label="published bound (3 sigma)")
+    # Between fixes the bound steps up and down within the second: its range as a band, its lower edge as the line.
+    b = style.buckets(run.t_s, bound)
+    axes.fill_between(b.t / unit_s, b.low, b.high, color=style.BOUND, alpha=0.3, lw=0)
+    axes.plot(b.t / unit_s, b.low, color=style.BOUND, lw=1.8, label="published bound (lowest, range)")
     if np.isfinite(fix_rms_m):
         axes.axhline(fix_rms_m, color=style.GREY, ls=":", lw=1.4, label="rms of the fixes, largest axis")
     tops = [_percentile(error[settled], 100), 1.15 * _percentile(bound[settled], 98), fix_rms_m]
