@@ -251,6 +251,10 @@ class TlogLink:
                 heard.append(Received(t_us / US_PER_S, message))
         if self._next < len(self._records) and self._records[self._next][0] <= due_us:
             self._rebase(self._records[self._next - 1][0] / US_PER_S)
+            due_us = self._records[self._next - 1][0]
+        # What is drawn from these messages is drawn at their time: at a high speed the log would run on meanwhile
+        # and the console would call a link silent that it has not listened to yet.
+        self._behind_s = due_us / US_PER_S
         return heard
 
     def everything(self) -> Iterator[Received]:
