@@ -307,6 +307,9 @@ class Telemetry(list[Any]):
         """Called by flight with each packed message."""
         self.append(self._parser.parse_char(bytes(message)))
 
+    def close(self) -> None:
+        """Nothing to close."""
+
     def of(self, kind: str) -> list[Any]:
         """Messages of one type, in order."""
         return [message for message in self if message.get_type() == kind]
