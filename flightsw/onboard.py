@@ -43,6 +43,10 @@ class UdpSink:
         except OSError:
             self.lost += 1
 
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
 
 def open_link(text: str | None) -> Sink:
     """The sink for `udp:HOST:PORT`, or one that goes nowhere for None."""
@@ -106,6 +110,7 @@ def run(can_bus: str, tables: Path, link: str | None, out: Path | None, ticks: i
     finally:
         journal.close()
         port.close()
+        sink.close()
     print(f"flightsw: {loop.tick} ticks, {loop.slips} slips")
     return 0
 

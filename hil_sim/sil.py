@@ -89,6 +89,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
                 wall_s = time.perf_counter() - started
         finally:
             journal.close()
+            sink.close()
         progress.update(stage, description="writing the record", total=None)
         world.save_truth(out_dir / "truth.npz")
         monitor.save(out_dir / "monitor.npz")

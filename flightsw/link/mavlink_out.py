@@ -16,6 +16,8 @@ class Sink(Protocol):
 
     def send(self, message: bytes | bytearray) -> None: ...
 
+    def close(self) -> None: ...
+
 
 class Nowhere:
     """The sink of a flight without a link: the journal still has every message."""
@@ -24,6 +26,9 @@ class Nowhere:
 
     def send(self, message: bytes | bytearray) -> None:
         """Drop the message."""
+
+    def close(self) -> None:
+        """Nothing to close."""
 
 
 class MavlinkOut:

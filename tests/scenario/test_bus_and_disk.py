@@ -168,6 +168,7 @@ def test_a_link_that_takes_nothing_never_stops_flight(monkeypatch: pytest.Monkey
         def sendto(self, *_: object) -> int:
             raise ConnectionRefusedError
 
+    sink.close()
     monkeypatch.setattr(sink, "_socket", Refusing())
     with Flight(load("time.duration_s=10"), sink=sink) as flight:
         flight.fly()
@@ -188,6 +189,7 @@ def test_datagrams_hold_one_whole_message_each() -> None:
         sink = onboard.open_link(f"udp:127.0.0.1:{listener.getsockname()[1]}")
         with Flight(load("time.duration_s=10"), sink=sink) as flight:
             flight.fly()
+        sink.close()
         parser = mavlink.MAVLink(None)
         heard = []
         for _ in range(flight.loop.link.messages):
