@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from time import perf_counter_ns
 from typing import Any
@@ -39,7 +40,8 @@ class Member:
         self.divisor = divisor
         self.budget_us = budget_us
         self.run = run
-        self.histogram = [0] * HISTOGRAM_BINS
+        # not a list: every count beyond 256 would be an object of its own, a slow growth in the tick
+        self.histogram = array("Q", bytes(8 * HISTOGRAM_BINS))
         self.runs = 0
         self.total_ns = 0
         self.longest_ns = 0
