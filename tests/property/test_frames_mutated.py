@@ -50,7 +50,8 @@ def twins() -> Iterator[Twins]:
         for flight in (struck, spared):
             flight.fly(SETTLED_S)
         yield Twins(struck, spared, struck.nav.tobytes(), struck.k)
-    assert sum(told.values()) >= 100_000, told
+    if any(name.startswith("content") for name in told) and "BAD_CRC" in told:  # both tests below were run
+        assert told.total() >= 100_000, told
 
 
 class Stream:
