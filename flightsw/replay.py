@@ -36,8 +36,9 @@ class ReplayRefused(ValueError):
 class Tick:
     """One tick of a journal: what it ran at, the frames it drained, and how its bus fared.
 
-    `reopened`: the bus was brought back in the slack before this tick. A failure is noted by where it struck:
-    `lost_receiving`, after the last of the frames, or `lost_sending`, the index of the frame that could not be sent.
+    `reopened`: the bus was brought back in the slack before this tick; after the last one such a tick has no number.
+    A failure is noted by where it struck: `lost_receiving`, after the last of the frames, or `lost_sending`, the index
+    of the frame that could not be sent.
     """
 
     frames: list[tuple[int, bytes]] = field(default_factory=list)
@@ -90,6 +91,8 @@ def read_ticks(path: Path) -> Iterator[Tick]:
                 sent += 1
     if ended is not None:
         yield ended
+    if tick.reopened:  # in the slack of the last tick
+        yield tick
 
 
 _FRAMES_OF_A_TICK = 3  # NAV_STATE, INTEGRITY, FLIGHT_HEARTBEAT
@@ -207,6 +210,8 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened
                 loop.rest(tick.counter_ns)
+            if tick.number < 0:
+                break
             if tick.slips > loop.slips:
                 loop.count_slips(tick.slips - loop.slips)
             bus.load(tick)

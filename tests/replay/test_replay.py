@@ -117,6 +117,19 @@ def test_a_bus_that_was_lost_is_lost_again(tmp_path: Path, place: int | str, dow
     assert_replays(save_run(flight, tmp_path), 200)
 
 
+@pytest.mark.parametrize("place", ["receive", 0, 2])
+def test_a_bus_lost_in_the_last_tick(tmp_path: Path, place: int | str) -> None:
+    def meddle(flight: Flight) -> None:
+        if flight.k == 199 and place == "receive":
+            flight.bus.fail_receiving(OSError("gone"))
+        elif flight.k == 199:
+            flight.bus.fail_sending(OSError("gone"), after=int(place))
+
+    flight = fly_with(tmp_path, meddle)
+    assert flight.loop.port.reconnects == 1
+    assert_replays(save_run(flight, tmp_path), 200)
+
+
 def test_slips_of_a_flight_in_real_time_come_again(tmp_path: Path) -> None:
     """GIVEN a clock on which ticks take long now and then WHEN replayed THEN slips and their alerts are the same."""
 
