@@ -40,7 +40,7 @@ def deaf_twin(start_s: float, duration_s: float, target: str) -> Flight:
     return flown(f"time.duration_s={START_S + duration_s + AFTER_S}", faults(*lost))
 
 
-@pytest.mark.parametrize("duration_s", [1.0, 8.0, 60.0])
+@pytest.mark.parametrize("duration_s", [1.0, 60.0])
 @pytest.mark.parametrize("name", WRONG_TIMES)
 def test_wrong_time_changes_no_state(name: str, duration_s: float) -> None:
     """GIVEN settled flight WHEN stamps are wrong for a while THEN state, covariances, clock, bound and flag are at
