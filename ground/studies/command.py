@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
         raise OperatorError(f"--runs {args.runs}: give 1 or more")
     if args.jobs is not None and args.jobs < 1:
         raise OperatorError(f"--jobs {args.jobs}: give 1 or more")
+    if args.json is not None and not args.json.parent.is_dir():
+        raise OperatorError(f"--json {args.json}: no such folder; make it, or name another file")
     from ground.studies.flights import each, pool, progress_bar, usual_jobs
     from ground.studies.outage import as_document, fly_variant, summarise, variants
 
@@ -72,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def _print(scenario: str, runs: list[Any], summary: dict[str, Any]) -> None:
     from rich import box
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console()
@@ -80,7 +83,7 @@ def _print(scenario: str, runs: list[Any], summary: dict[str, Any]) -> None:
     table = Table(box=box.SIMPLE, title=f"{scenario}: each run", title_justify="left")
     columns = ("seed", "phase [deg]", *(f"{name} [{unit}]" if unit else name for name, _, unit, _ in _LINES[:6]))
     for name in (*columns, "integrated [m]", "back [s]"):
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")
     for one in runs:
         cells = [_number(getattr(one, key), digits) for _, key, _, digits in _LINES[:7]]
         table.add_row(str(one.seed), f"{one.phase_deg:.0f}", *cells, _number(one.back_in_service_s, 0))
@@ -91,19 +94,19 @@ def _print(scenario: str, runs: list[Any], summary: dict[str, Any]) -> None:
     for name, key, unit, digits in _LINES:
         spread = summary[key]
         cells = [_number(spread[which], digits) for which in ("least", "median", "largest")]
-        table.add_row(f"{name} [{unit}]" if unit else name, *cells, str(spread["never"]) if spread["never"] else "")
+        table.add_row(
+            escape(f"{name} [{unit}]") if unit else name, *cells, str(spread["never"]) if spread["never"] else ""
+        )
     console.print(table)
     n = len(runs)
     console.print(f"bound broken in {summary['outages_violated']} of {n} outages ({summary['violated_epochs']} epochs)")
-    late = n - summary["flag_in_time"]
-    needed = sum(one.crossed_age_s is not None for one in runs)
-    console.print(
-        f"error passed the limit in {needed}, flag in time in {summary['flag_in_time']} (late or never: {late})"
-    )
-    console.print(f"back in service in {summary['back_in_service']}")
-    for fault in dict.fromkeys(one.fault_of_table for one in runs if one.fault_of_table):
-        console.print(f"fault of the table: {fault}")
-        break
+    crossing = [one for one in runs if one.crossed_age_s is not None]
+    in_time = sum(one.flag_in_time for one in crossing)
+    console.print(f"error passed the limit in {len(crossing)} of {n} outages; flag before it in {in_time} of these")
+    console.print(f"back in service after {summary['back_in_service']} of {n} outages")
+    faults = [one.fault_of_table for one in runs if one.fault_of_table]
+    if faults:
+        console.print(f"fault of the table in {len(faults)}, for example: {faults[0]}")
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -66,7 +66,9 @@ def _best_up_to_100_m(m: Measured) -> float:
 def _ratios(m: Measured) -> str:
     listed = ", ".join(f"{ratio.best:.1f} ({ratio.sigma_m:g} m)" for ratio in m.ratios)
     noise_m = noise_for_ratio(m.ratios, 10.0)
-    where = f"10 holds from about {noise_m:.1g} m on" if noise_m is not None else "10 is not reached"
+    where = (
+        f"10 holds from about {100.0 * round(noise_m / 100.0):.0f} m on" if noise_m is not None else "10 is not reached"
+    )
     at_100 = next(ratio for ratio in m.ratios if ratio.sigma_m == 100.0)
     return (
         f"best of a grid of Q and sigma_V: {listed}; {where}. Table 1's row itself: {at_100.table_1:.1f} at 100 m. "
@@ -140,9 +142,9 @@ ROWS: tuple[Row, ...] = (
         "figures 4, 5",
         "about 900 s",
         lambda m: (
-            f"median {middle(m.paper_1m, 'crossed_age_s'):.0f} s ({_range(m.paper_1m, 'crossed_age_s')} s) with 1 m "
-            f"fixes, {middle(m.paper_33m, 'crossed_age_s'):.0f} s ({_range(m.paper_33m, 'crossed_age_s')} s) with 33 m, "
-            f"over {len(m.paper_1m)} start phases each"
+            f"of that order: median {middle(m.paper_1m, 'crossed_age_s'):.0f} s "
+            f"({_range(m.paper_1m, 'crossed_age_s')} s) with 1 m fixes, {middle(m.paper_33m, 'crossed_age_s'):.0f} s "
+            f"({_range(m.paper_33m, 'crossed_age_s')} s) with 33 m, over {len(m.paper_1m)} start phases each"
         ),
         REPRODUCED,
         lambda m: all(450.0 <= middle(runs, "crossed_age_s") <= 1300.0 for runs in (m.paper_1m, m.paper_33m)),
@@ -178,8 +180,8 @@ ROWS: tuple[Row, ...] = (
         "much faster",
         lambda m: (
             f"three sigmas reach 2000 m after {middle(m.plain, 'flag_age_s'):.0f} s, the error after "
-            f"{middle(m.plain, 'crossed_age_s'):.0f} s. Yet early in the outage it is too small: violated in "
-            f"{sum(run.violations > 0 for run in m.plain)} of {len(m.plain)} outages"
+            f"{middle(m.plain, 'crossed_age_s'):.0f} s. Yet early on it is too small: "
+            f"broken in {_broken(m.plain)}"
         ),
         REPRODUCED,
         lambda m: middle(m.plain, "flag_age_s") < 0.6 * middle(m.plain, "crossed_age_s"),
@@ -207,15 +209,18 @@ ROWS: tuple[Row, ...] = (
         "(15) to (23), figure 5",
         "exact for one start point",
         lambda m: (
-            f"one row for each fix noise, over all start phases: bound broken in "
-            f"{sum(run.violations > 0 for run in m.paper_1m + m.paper_33m)} of {len(m.paper_1m + m.paper_33m)} outages; "
-            f"flag always before the crossing, at {middle(m.paper_1m, 'flag_to_crossing'):.2f} of it in the median "
+            f"one row for each fix noise, over all start phases: bound broken before the flag in "
+            f"{_broken(m.paper_1m + m.paper_33m)}, and with other seeds and phases in {_broken(m.fresh)}; flag always "
+            f"before the crossing, at {middle(m.paper_1m, 'flag_to_crossing'):.2f} of it in the median "
             f"(1 m fixes; {_range(m.paper_1m, 'flag_to_crossing', 2)}) and "
             f"{middle(m.paper_33m, 'flag_to_crossing'):.2f} (33 m)"
         ),
         QUALIFIED,
         lambda m: (
-            _no_violation(m.paper_1m) and _no_violation(m.paper_33m) and middle(m.paper_1m, "flag_to_crossing") >= 0.6
+            _no_violation(m.paper_1m)
+            and _no_violation(m.paper_33m)
+            and all(run.flag_in_time for run in m.fresh)
+            and middle(m.paper_1m, "flag_to_crossing") >= 0.6
         ),
         f"{_PAPER}::test_the_shipped_row_holds_on_every_start_phase",
     ),
@@ -245,34 +250,41 @@ ROWS: tuple[Row, ...] = (
         f"{_PAPER}::test_the_bound_falls_back_within_an_orbit",
     ),
     Row(
-        "What makes the autonomous error is the acceleration that the model lacks; (3) is discretised by Euler at 1 s",
-        "(2), (3)",
-        "not discussed",
+        "What dA makes up for is mostly gravity that the model leaves out; (3) is discretised by Euler at 1 s",
+        "(3), text above figure 1",
+        "mostly gravity",
         lambda m: (
-            f"on a pure two-body orbit, where nothing is lacking, Euler alone errs by {m.euler_900_s_m / 1e3:.1f} km after "
-            f"900 s; RK4 by less than a micrometre, and in steps of 10 s by {1e3 * m.rk4_10_s_900_s_m:.1f} mm"
+            f"on a pure two-body orbit, where no gravity is left out, Euler alone errs by "
+            f"{m.euler_900_s_m / 1e3:.1f} km after 900 s; RK4 by less than a micrometre, and in steps of 10 s by "
+            f"{1e3 * m.rk4_10_s_900_s_m:.1f} mm"
         ),
         CONTRADICTED,
         lambda m: m.euler_900_s_m > LIMIT_M and m.rk4_900_s_m < 1e-6 and m.rk4_10_s_900_s_m < 1e-2,
         f"{_LIMITS}::test_euler_is_the_error",
     ),
     Row(
-        "The order of the onboard gravity model is not a matter of principle",
+        "For the method the order of the onboard gravity model does not matter (in practice: as high as can be)",
         "below (2)",
-        "central gravity chosen",
+        "central gravity",
         lambda m: (
-            f"with J2 and RK4 and 33 m fixes the error after 2000 s is {middle(m.j2_paper_orbit, 'error_at_2000_s_m'):.0f} m "
-            f"on the paper's orbit (against {middle(m.paper_33m, 'error_at_2000_s_m') / 1e3:.0f} km) and "
-            f"{middle(m.j2_outage, 'error_at_2000_s_m'):.0f} m at 1336 km: the limit is not reached at all. Integrated "
-            f"{m.ratio_j2_421_km.best:.1f} and {m.ratio_j2_1336_km.best:.1f} times better than the fix"
+            f"for the result it is everything. J2 and RK4, 33 m fixes, after 2000 s: "
+            f"{middle(m.j2_paper_orbit, 'error_at_2000_s_m'):.0f} m on the paper's orbit (against "
+            f"{middle(m.paper_33m, 'error_at_2000_s_m') / 1e3:.0f} km), "
+            f"{middle(m.j2_outage, 'error_at_2000_s_m'):.0f} m at 1336 km: the limit is not reached. "
+            f"Best integrated error {m.ratio_j2_421_km.best:.1f} and {m.ratio_j2_1336_km.best:.1f} times smaller "
+            f"than the fix's"
         ),
-        CONTRADICTED,
+        QUALIFIED,
         lambda m: (
             all(run.crossed_age_s is None for run in m.j2_paper_orbit + m.j2_outage) and m.ratio_j2_1336_km.best > 10.0
         ),
         f"{_PAPER}::test_with_j2_and_rk4_the_limit_is_not_reached",
     ),
 )
+
+
+def _broken(runs: list[OutageRun]) -> str:
+    return f"{sum(run.violations > 0 for run in runs)} of {len(runs)} outages"
 
 
 def _violated_percent(runs: list[OutageRun]) -> float:
@@ -299,19 +311,21 @@ _TAIL = """
 
 - **The bound must be able to reach the limit.** Equation (17) has a fixed point. A tuning whose fixed point lies below
   the limit is silent for ever, and silence looks like health. Weak pseudo-updates avoid it; the shipped sets do.
-- **The integrator first.** At 1 s steps explicit Euler costs kilometres that Runge-Kutta does not, for the price of three
-  more evaluations. dA, meant for gravity, is spent on it. Set `paper` keeps Euler on purpose; set `j2` shows the
-  other way.
+- **The integrator first.** At 1 s steps explicit Euler costs kilometres that Runge-Kutta saves for the price of three
+  more evaluations of gravity. dA, meant for gravity, is spent on it. Set `paper` keeps Euler on purpose; set `j2`
+  shows the other way.
 - **One row for all start phases is late nowhere and early somewhere.** The error's growth depends on where the outage
   begins; the flag, blind to it, has to follow the fastest.
+- **Three sigmas are broken now and then.** No run of twenty shows it. A rate that one may rely on takes a thousand
+  outages (998 without a failure for 0.997 at 95 %), which is the business of certification and not of this page.
 - **Latch.** A bound per axis breathes with the orbit. A flag that follows it down would offer a state that is worse
   than the one it had refused.
 
 ## How it was measured
 
-{runs} runs of scenario `paper_outage` for each fix noise, {side} of each of the others, each with its own seed and the
-starts spread evenly over the orbit; {cases} grids of tunings. The ratio to the fix is rms against rms at the fixes
-themselves. Again: `ground ledger`; one study by itself: `ground study paper --runs 20 --sigma 33`.
+{runs} runs of scenario `paper_outage` for each fix noise, {fresh} with other seeds, {side} of each of the others, each
+with its own seed and the starts spread evenly over the orbit; {cases} grids of tunings. The ratio to the fix is rms
+against rms at the fixes themselves. Again: `ground ledger`; one study by itself: `ground study paper --sigma 33`.
 """
 
 
@@ -333,7 +347,12 @@ def render(measured: Measured) -> str:
         f"| {row.claim} | {row.where} | {row.paper} | {row.ours(measured)} | **{row.verdict}** | {_short(row.test)} |"
         for row in ROWS
     ]
-    tail = _TAIL.format(runs=len(measured.paper_1m), side=len(measured.table_1), cases=len(measured.ratios) + 3)
+    tail = _TAIL.format(
+        runs=len(measured.paper_1m),
+        fresh=len(measured.fresh),
+        side=len(measured.table_1),
+        cases=len(measured.ratios) + 3,
+    )
     return f"{_HEAD}\n{counts}.\n\n" + "\n".join(lines) + "\n" + tail
 
 

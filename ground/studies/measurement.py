@@ -19,9 +19,10 @@ _J2_SIGMA_M = 33.0
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is flown: runs of the paper's outage, of what surrounds it, fix noises, and whether grids are thinned."""
+    """How much is flown: runs of the paper's outage and of its variations, fix noises, grids thinned or whole."""
 
     runs: int = 20
+    fresh_runs: int = 60
     side_runs: int = 10
     sigmas_m: tuple[float, ...] = fix_ratio.FIX_SIGMAS_M
     thin: bool = False
@@ -33,6 +34,7 @@ class Measured:
 
     paper_1m: list[OutageRun]
     paper_33m: list[OutageRun]
+    fresh: list[OutageRun]  # 1 m fixes, seeds and phases that nothing else here has
     table_1: list[OutageRun]
     plain: list[OutageRun]
     j2_paper_orbit: list[OutageRun]
@@ -68,6 +70,7 @@ def outage_variants(effort: Effort) -> dict[str, list[Variant]]:
     return {
         "paper_1m": variants("paper_outage", n, ["gnss.sigma_position_m=1.0"]),
         "paper_33m": variants("paper_outage", n, ["gnss.sigma_position_m=33.0"]),
+        "fresh": variants("paper_outage", effort.fresh_runs, ["gnss.sigma_position_m=1.0"], 1001, 1.7),
         "table_1": variants("paper_outage", m, ["flight.table_set=paper_table1"]),
         "plain": variants("paper_outage", m, plain_propagation_settings()),
         "j2_paper_orbit": variants(
@@ -82,10 +85,14 @@ def ratio_cases(effort: Effort) -> list[Case]:
     cases = [
         *fix_ratio.paper_cases(effort.sigmas_m),
         Case(_J2_SIGMA_M, "paper", "RK4", fix_ratio.paper_grid()),
+    ]
+    if effort.thin:
+        cases = [fix_ratio.thinned(case) for case in cases]
+    return [
+        *cases,
         Case(_J2_SIGMA_M, "j2", "RK4", fix_ratio.j2_grid()),
         Case(_J2_SIGMA_M, "j2", "RK4", fix_ratio.j2_grid(), period_s=6743.0),
     ]
-    return [fix_ratio.thinned(case) for case in cases] if effort.thin else cases
 
 
 def dip_places(effort: Effort) -> list[tuple[Orbit, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from flightsw.icd.table_file import decode
 from flightsw.kernels import integrators
-from flightsw.kernels.registry import F8, I8, VECTOR, entry, frozen_records, records
+from flightsw.kernels.registry import VECTOR, entry, frozen_records, records
 from flightsw.memory import Memory
 from flightsw.records import TABLE, WORK
 from ground.tables.build import build_navigation
@@ -20,10 +20,10 @@ INCLINATION_RAD = math.radians(65.0)
 PERCENT_997 = 0.997
 
 
-@entry(frozen_records(TABLE), VECTOR, F8, I8, records(WORK))
-def _integrate(table, x, step_s, steps, work):
-    for _ in range(steps):
-        integrators.advance(table[0], x, step_s, work[0].node, work[0].stages)
+@entry(frozen_records(TABLE), VECTOR, VECTOR, records(WORK))
+def _integrate(table, x, steps_s, work):
+    for index in range(steps_s.shape[0]):
+        integrators.advance(table[0], x, steps_s[index], work[0].node, work[0].stages)
 
 
 def two_body_error_m(integrator: str, step_s: float, age_s: float) -> float:
@@ -39,7 +39,7 @@ def two_body_error_m(integrator: str, step_s: float, age_s: float) -> float:
     memory.table.flags.writeable = False
     mu_m3ps2 = float(image.values["mu_m3ps2"][0])
     x = np.concatenate((*kepler_state(mu_m3ps2, 0.0), np.zeros(3)))
-    _integrate(memory.table, x, step_s, round(age_s / step_s), memory.work)
+    _integrate(memory.table, x, np.full(round(age_s / step_s), step_s), memory.work)
     r_m, _ = kepler_state(mu_m3ps2, age_s)
     return float(np.abs(x[:3] - r_m).max())
 

@@ -63,9 +63,11 @@ class OutageRun:
         return self.crossed_age_s is None or self.flag_age_s <= self.crossed_age_s
 
 
-def variants(scenario: str, runs: int, settings: Iterable[str] = ()) -> list[Variant]:
+def variants(
+    scenario: str, runs: int, settings: Iterable[str] = (), first_seed: int = 1, first_phase_deg: float = 0.0
+) -> list[Variant]:
     """`runs` variants of a scenario, phases spread evenly over the orbit."""
-    return [Variant(scenario, tuple(settings), k + 1, 360.0 * k / runs) for k in range(runs)]
+    return [Variant(scenario, tuple(settings), first_seed + k, first_phase_deg + 360.0 * k / runs) for k in range(runs)]
 
 
 def fly_variant(variant: Variant) -> OutageRun:

@@ -150,7 +150,10 @@ RULES = (
         ("ground/",),
         of_ours_only("ground", "flightsw", "hil_sim.truth"),
         ("ground/reports/figures.py", "from hil_sim.world import World"),
-        {"ground/campaign/flown.py": "composes world and flight as sil.py does, through the compiled arc"},
+        {
+            "ground/campaign/flown.py": "composes world and flight as sil.py does, through the compiled arc",
+            "ground/studies/flights.py": "loads, flies and evaluates scenarios as a run does, for the studies",
+        },
     ),
 )
 
