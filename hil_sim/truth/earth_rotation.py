@@ -7,6 +7,7 @@ terms of UT1 and polar motion are left out, both ways alike: against an orbit ma
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import erfa
@@ -125,6 +126,16 @@ def read_finals(path: Path) -> np.ndarray:
     Bulletin A columns of readme.finals2000A; rows without values (the far future) are left out, predicted rows
     without dX, dY take zero for these two (below 0.5 mas, 1.5 cm on the ground).
     """
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise DataError(f"{path}: Earth orientation cannot be read: {error.strerror}") from None
+    return _read_finals(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=2)  # a study builds hundreds of worlds from one file; a changed file is read anew
+def _read_finals(path: Path, modified_ns: int, size: int) -> np.ndarray:
+    del modified_ns, size
     rows = []
     try:
         with open(path, encoding="ascii") as lines:
@@ -148,7 +159,9 @@ def read_finals(path: Path) -> np.ndarray:
         raise DataError(f"{path}: not an IERS finals2000A file: {error}") from None
     if not rows:
         raise DataError(f"{path}: holds no Earth orientation; it must be an IERS finals2000A file")
-    return np.array(rows)
+    table = np.array(rows)
+    table.flags.writeable = False
+    return table
 
 
 def _calendar(mjd: float):  # type: ignore[no-untyped-def]
