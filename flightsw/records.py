@@ -52,7 +52,6 @@ NAV = np.dtype(
         ("P_ahead", "f8", (STATES, STATES)),  # the two, one step ahead: a bound serves the whole interval
         ("P_bound_ahead", "f8", (STATES, STATES)),
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
-        ("pole_known", "i8"),
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late
         ("history_first", "i8"),

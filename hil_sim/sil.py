@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from flightsw import app
 from flightsw.can_port import CanPort
 from flightsw.clock import LockstepClock, PacedClock
+from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import Journal
@@ -193,6 +194,10 @@ def _summarise(
         "mavlink": {"messages": loop.link.messages, "alerts": loop.events.sequence},
         "rejected_by_cause": {cause.name: counts[cause] for cause in RejectCause if counts[cause]},
         "journal_dropped": loop.journal.dropped,
+        "events": [
+            {"sequence": int(e["sequence"]), "alert": AlertId(int(e["alert_id"])).name, "active": bool(e["active"])}
+            for e in loop.events.newest_first()[::-1]
+        ],
         "tables": {
             "set": navigation.set_name,
             "crc32": navigation.crc32,

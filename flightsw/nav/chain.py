@@ -56,8 +56,7 @@ def _judge(nav, table):
 @kernel
 def settle(nav, table, eop, work):
     """What follows once the newest epoch is in place: pole, bounds, flag."""
-    if frames.pole_gcrf(eop, nav.t_gps_ns, work, nav.pole):
-        nav.pole_known = 1
+    frames.pole_gcrf(eop, nav.t_gps_ns, work, nav.pole)
     look_ahead(nav, table, work)
     _judge(nav, table)
 

@@ -93,7 +93,7 @@ def publish(nav, table, eop, t_gps_ns, work, out):
 
     if out.flag == _RAISED or out.flag == _STALE:
         out.verdict = _DO_NOT_USE
-    elif out.mode == INIT:
+    elif out.mode == INIT or nav.fixes_accepted == 0:  # a start that no later fix has confirmed yet
         out.verdict = _NOT_READY
     elif out.mode == AUTONOMOUS:
         out.verdict = _TRUSTED_COASTING

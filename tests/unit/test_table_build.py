@@ -14,20 +14,57 @@ from flightsw.icd.table_file import decode
 from flightsw.icd.table_schema import NAVIGATION
 from ground.__main__ import ROOMS, main
 from ground.errors import OperatorError
-from ground.tables.build import SETS, build_navigation, list_sets
+from ground.tables.build import ROW_KEYS, build_navigation, list_sets
 
 
 def values(name: str | Path, overrides: dict[str, Any] | None = None) -> np.void:
     return decode(build_navigation(name, overrides)).values[0]
 
 
+ROW = """
+[[tuning]]
+sigma_fix_m = {sigma}
+q_r_m2 = 1.0
+q_v_m2ps2 = 0.01
+q_a_m2ps4 = 1e-6
+sigma_r_floor_m = 1.0
+sigma_v_floor_mps = 1.0
+bound_q_r_m2 = 26.1
+bound_q_v_m2ps2 = 0.00423
+bound_q_a_m2ps4 = 1.97e-7
+bound_s_r_m = 2.01e4
+bound_s_v_mps = 39.4
+"""
+EXAMPLE = (
+    """name = "paper"
+description = "two rows"
+[loop]
+nav_step_ns = 1_000_000_000
+[dynamics]
+gravity_model = "central"
+[filter]
+da_max_mps2 = 0.02
+"""
+    + ROW.format(sigma=1.0)
+    + ROW.format(sigma=33.0)
+    + """
+[bound]
+limit_m = 2000.0
+"""
+)
+
+
 def edited(tmp_path: Path, old: str, new: str) -> Path:
-    """The paper's set with one thing changed."""
-    text = (SETS / "paper.toml").read_text(encoding="utf-8")
-    assert old in text
+    """The example with the first place of something changed."""
+    assert old in EXAMPLE
     path = tmp_path / "mine.toml"
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    path.write_text(EXAMPLE.replace(old, new, 1), encoding="utf-8")
     return path
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    return edited(tmp_path, "two rows", "two rows")
 
 
 def test_every_shipped_set_builds_under_its_own_name() -> None:
@@ -42,11 +79,11 @@ def test_every_shipped_set_builds_under_its_own_name() -> None:
 def test_the_papers_table_1_is_as_printed() -> None:
     """Table 1 of the paper: integrated (1, 0.01, 1e-6, 1, 1), autonomous (500, 0.05, 1e-6, 1000, 22)."""
     record = values("paper_table1")
-    integrated = [record[k] for k in ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "sigma_r_floor_m", "sigma_v_floor_mps")]
-    assert integrated == [1.0, 0.01, 1e-6, 1.0, 1.0]
-    assert record["autonomous_rows"] == 1
+    assert record["tuning_rows"] == 1
+    keys = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "sigma_r_floor_m", "sigma_v_floor_mps")
+    assert [record[f"tuning_{k}"][0] for k in keys] == [1.0, 0.01, 1e-6, 1.0, 1.0]
     keys = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "s_r_m", "s_v_mps")
-    assert [record[f"autonomous_{k}"][0] for k in keys] == [500.0, 0.05, 1e-6, 1000.0, 22.0]
+    assert [record[f"tuning_bound_{k}"][0] for k in keys] == [500.0, 0.05, 1e-6, 1000.0, 22.0]
     assert (record["mu_m3ps2"], record["limit_m"], record["k_axis"]) == (3.9860044e14, 2000.0, 3.0)
     assert (record["gravity_model"], record["integrator"]) == (0, 0)
 
@@ -64,16 +101,16 @@ def test_words_and_numbers_mean_the_same() -> None:
         assert values("paper", {"dynamics.gravity_model": number})["gravity_model"] == number
 
 
-def test_overrides_reach_field_cell_and_rows_and_mark_the_name() -> None:
+def test_overrides_reach_field_cell_and_rows_and_mark_the_name(example: Path) -> None:
     """GIVEN overrides WHEN built THEN they hold, and the table no longer goes by the bare name of the set."""
-    record = values("paper", {"limit_m": 500, "autonomous.1.q_r_m2": np.float64(7.0)})
+    record = values(example, {"limit_m": 500, "tuning.1.bound_q_r_m2": np.float64(7.0)})
     assert record["limit_m"] == 500.0
     assert record["clear_limit_m"] == 250.0
-    assert list(record["autonomous_q_r_m2"]) == [26.1, 7.0, 0.0, 0.0]
-    row = {"sigma_fix_m": 1, "q_r_m2": 2, "q_v_m2ps2": 3, "q_a_m2ps4": 0.4, "s_r_m": 5, "s_v_mps": 6}
-    record = values("paper", {"autonomous": [row]})
-    assert record["autonomous_rows"] == 1
-    assert record["autonomous_s_v_mps"][0] == 6.0
+    assert list(record["tuning_bound_q_r_m2"]) == [26.1, 7.0, 0.0, 0.0]
+    row = dict.fromkeys(ROW_KEYS, 0.5) | {"bound_s_v_mps": 6}
+    record = values(example, {"tuning": [row]})
+    assert record["tuning_rows"] == 1
+    assert record["tuning_bound_s_v_mps"][0] == 6.0
     assert decode(build_navigation("paper", {"limit_m": 500})).set_name == "paper*"
     assert decode(build_navigation("paper", {})).set_name == "paper"
 
@@ -81,28 +118,28 @@ def test_overrides_reach_field_cell_and_rows_and_mark_the_name() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("q_r_m2 = 1.0", "q_rm2 = 1.0", ["filter.q_rm2", 'did you mean "q_r_m2"']),
+        ("da_max_mps2 = 0.02", "da_max = 0.02", ["filter.da_max", 'did you mean "da_max_mps2"']),
         ("[filter]", "[fliter]", ["fliter", 'did you mean "filter"']),
-        ("q_r_m2 = 1.0", 'q_r_m2 = "1.0"', ["filter.q_r_m2", "not a number", "without quotes"]),
-        ("q_r_m2 = 1.0", "q_r_m2 = true", ["filter.q_r_m2", "not a number"]),
-        ("q_r_m2 = 1.0", "q_r_m2 = [1.0]", ["filter.q_r_m2", "not a number"]),
-        ("q_r_m2 = 1.0", "q_r_m2 = -1.0", ["filter.q_r_m2", "outside [0.0,"]),
-        ("q_r_m2 = 1.0", "q_r_m2 = nan", ["filter.q_r_m2", "nan is outside"]),
-        ("q_r_m2 = 1.0", "q_r_m2 = inf", ["filter.q_r_m2", "inf is outside"]),
-        ("q_r_m2 = 1.0", "", ["filter.q_r_m2", "missing", "[filter]"]),
-        ("q_r_m2 = 1.0", "limit_m = 1.0", ["filter.limit_m", "belongs to section [bound]"]),
-        ("q_r_m2 = 1.0", "autonomous_q_r_m2 = 1.0", ["[[autonomous]]"]),
+        ("q_r_m2 = 1.0", 'q_r_m2 = "1.0"', ["tuning.0.q_r_m2", "not a number", "without quotes"]),
+        ("q_r_m2 = 1.0", "q_r_m2 = true", ["tuning.0.q_r_m2", "not a number"]),
+        ("q_r_m2 = 1.0", "q_r_m2 = [1.0]", ["tuning.0.q_r_m2", "not a number"]),
+        ("q_r_m2 = 1.0", "q_r_m2 = -1.0", ["tuning.0.q_r_m2", "outside [0.0,"]),
+        ("q_r_m2 = 1.0", "q_r_m2 = nan", ["tuning.0.q_r_m2", "nan is outside"]),
+        ("q_r_m2 = 1.0", "q_r_m2 = inf", ["tuning.0.q_r_m2", "inf is outside"]),
+        ("q_r_m2 = 1.0\n", "", ["tuning.0", "q_r_m2 missing"]),
+        ("da_max_mps2 = 0.02", "limit_m = 1.0", ["filter.limit_m", "belongs to section [bound]"]),
+        ("da_max_mps2 = 0.02", "tuning_q_r_m2 = 1.0", ["[[tuning]]"]),
         ("nav_step_ns = 1_000_000_000", "nav_step_ns = 1.0", ["loop.nav_step_ns", "not a whole number"]),
         ('gravity_model = "central"', 'gravity_model = "centre"', ['did you mean "central"']),
-        ("q_r_m2 = 26.1\n", "", ["autonomous.0", "q_r_m2 missing"]),
-        ("q_r_m2 = 26.1", "q_rr_m2 = 26.1", ["autonomous.0.q_rr_m2", 'did you mean "q_r_m2"']),
+        ("bound_q_r_m2 = 26.1\n", "", ["tuning.0", "bound_q_r_m2 missing"]),
+        ("q_r_m2 = 1.0", "q_rr_m2 = 1.0", ["tuning.0.q_rr_m2", 'did you mean "q_r_m2"']),
         ("sigma_fix_m = 33.0", "sigma_fix_m = 1.0", ["sigma_fix_m must rise"]),
-        ("[[autonomous]]", "[[autonomous]]\n" * 4, ["5 rows; give 1 to 4"]),
+        ("[[tuning]]", "[[tuning]]\n" * 4, ["5 rows; give 1 to 4"]),
         ("limit_m = 2000.0", "limit_m = 2000.0\nclear_limit_m = 2001.0", ["clear_limit_m", "exceeds limit_m"]),
         ('name = "paper"', "", ["name:", "give the set a name"]),
         ('name = "paper"', 'name = "an exceedingly long name of a set"', ["longer than 32"]),
         ('name = "paper"', "name = paper", ["not valid TOML"]),
-        ("[bound]", "limit_m = 3\n[bound]", ["autonomous.1.limit_m", "unknown key"]),
+        ("[bound]", "limit_m = 3\n[bound]", ["tuning.1.limit_m", "unknown key"]),
         ('description = "', 'remark = "', ["description"]),
     ],
 )
@@ -123,15 +160,15 @@ def test_a_mistake_in_a_set_is_refused_with_file_key_and_remedy(
         ("bound.limt_m", 1, 'did you mean "limit_m"'),
         ("filter.limit_m", 1, "belongs to section [bound]"),
         ("limit_m", "far", "not a number"),
-        ("autonomous.2.q_r_m2", 1, "rows here: 0 to 1"),
-        ("autonomous.0", 1, "autonomous.ROW.KEY"),
-        ("autonomous", 1, "[[autonomous]]"),
-        ("autonomous", [], "0 rows"),
+        ("tuning.2.q_r_m2", 1, "rows here: 0 to 1"),
+        ("tuning.0", 1, "tuning.ROW.KEY"),
+        ("tuning", 1, "[[tuning]]"),
+        ("tuning", [], "0 rows"),
     ],
 )
-def test_a_mistake_in_an_override_names_the_override(key: str, value: Any, said: str) -> None:
+def test_a_mistake_in_an_override_names_the_override(example: Path, key: str, value: Any, said: str) -> None:
     with pytest.raises(OperatorError) as refused:
-        build_navigation("paper", {key: value})
+        build_navigation(example, {key: value})
     assert f"override {key}" in str(refused.value)
     assert said in str(refused.value)
 
