@@ -45,6 +45,11 @@ def test_a_wrong_first_fix_is_recovered_from_within_60_s(name: str, init_fixes: 
     if replaced:
         restart = int(np.flatnonzero(flight.flown["flag"] == FlagState.RAISED)[0])
         assert flight.error_m()[restart] < 100.0
+    if rate_hz == 1:
+        # no second fix has confirmed the wrong start: it was never offered
+        offered = flight.flown["validity"] & Validity.STATE_VALID != 0
+        assert (flight.error_m()[offered] <= flight.flown["bound_m"][offered]).mean() > 0.99
+        assert flight.error_m()[offered].max() < 100.0
 
 
 def test_the_default_start_is_not_fooled_by_one_wrong_fix() -> None:
