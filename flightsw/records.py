@@ -9,7 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from flightsw.icd.enums import REJECT_CAUSES
-from flightsw.icd.table_schema import EARTH_ORIENTATION, MAX_STORED_ACCELERATION_BINS, NAVIGATION, Schema
+from flightsw.icd.table_schema import (
+    EARTH_ORIENTATION,
+    FORCES,
+    GRAVITY_FIELD,
+    MAX_GRADIENT_DEGREE,
+    MAX_GRAVITY_DEGREE,
+    MAX_STORED_ACCELERATION_BINS,
+    NAVIGATION,
+    Schema,
+)
 
 STATES = 9
 MEASUREMENTS = 6
@@ -27,6 +36,8 @@ def _aligned(schema: Schema) -> np.dtype:
 
 TABLE = _aligned(NAVIGATION)
 ORIENTATION = _aligned(EARTH_ORIENTATION)
+GRAVITY_TABLE = _aligned(GRAVITY_FIELD)
+FORCE_TABLE = _aligned(FORCES)
 
 # What flight remembers from one navigation step to the next.
 NAV = np.dtype(
@@ -186,6 +197,77 @@ WORK = np.dtype(
         ("x_candidate", "f8", (STATES,)),
         ("node", "f8", (3,)),
         ("momentum", "f8", (3,)),
+    ],
+    align=True,
+)
+
+# The gravity field as the kernels sum it, made from its table once (kernels/spherical_harmonics.py): [n, m] throughout.
+# The acceleration is a series of one degree more than the potential, the gradient of two. Rows are wider than they need
+# be, so that sums may run over whole blocks of orders; 144, not 128, keeps them out of each other's cache lines.
+HARMONIC_ROWS = MAX_GRAVITY_DEGREE + 2
+HARMONIC_BLOCK = 16
+HARMONIC_WIDTH = 144
+_GRADIENT_ROWS = MAX_GRADIENT_DEGREE + 3
+_GRADIENT_WIDTH = 32
+
+FIELD = np.dtype(
+    [
+        ("gm_m3ps2", "f8"),
+        ("radius_m", "f8"),
+        ("tide_system", "i8"),
+        ("degree", "i8"),
+        ("order", "i8"),
+        ("gradient_degree", "i8"),
+        ("gradient_order", "i8"),
+        # recursion of the normalised Legendre functions
+        ("sectoral", "f8", (HARMONIC_ROWS,)),
+        ("ahead", "f8", (HARMONIC_ROWS, HARMONIC_WIDTH)),
+        ("behind", "f8", (HARMONIC_ROWS, HARMONIC_WIDTH)),
+        # coefficients, C and S of each: of the potential; of its derivatives by x, y, z; the same of the truncated
+        # potential that the gradient has; of the second derivatives xx, xy, xz, yx, yy, yz
+        ("potential", "f8", (2, HARMONIC_ROWS, HARMONIC_WIDTH)),
+        ("acceleration", "f8", (6, HARMONIC_ROWS, HARMONIC_WIDTH)),
+        ("truncated", "f8", (6, _GRADIENT_ROWS, _GRADIENT_WIDTH)),
+        ("gradient", "f8", (12, _GRADIENT_ROWS, _GRADIENT_WIDTH)),
+    ],
+    align=True,
+)
+
+STAGES = 11  # of the largest integrator
+
+# Scratch of the force model. What `prepare` and `turn` put here serves the evaluations that follow within a step.
+FORCE_WORK = np.dtype(
+    [
+        # of kernels/frames.py
+        ("orientation", "f8", (6,)),
+        ("orientation_rate", "f8", (6,)),
+        ("cirs", "f8", (3, 3)),
+        ("cirs_rate", "f8", (3, 3)),
+        ("spin", "f8", (3, 3)),
+        ("spin_rate", "f8", (3, 3)),
+        ("wobble", "f8", (3, 3)),
+        ("product", "f8", (3, 3)),
+        ("product_rate", "f8", (3, 3)),
+        ("itrf_from_gcrf", "f8", (3, 3)),
+        ("itrf_from_gcrf_rate", "f8", (3, 3)),
+        # set by `prepare`
+        ("sun_m", "f8", (3,)),  # GCRF, geocentric
+        ("moon_m", "f8", (3,)),
+        ("tide", "f8", (3, 3)),  # quadratic form of the tidal potential, GCRF
+        ("semiannual", "f8"),  # variation of density with the season, of the density model
+        # spherical harmonics
+        ("row_even", "f8", (HARMONIC_WIDTH,)),
+        ("row_odd", "f8", (HARMONIC_WIDTH,)),
+        ("sums", "f8", (12, HARMONIC_WIDTH)),
+        # vectors
+        ("r_itrf", "f8", (3,)),
+        ("a_itrf", "f8", (3,)),
+        ("body", "f8", (3,)),
+        ("gradient_itrf", "f8", (3, 3)),
+        ("r", "f8", (3,)),
+        ("v", "f8", (3,)),
+        ("stage_v", "f8", (STAGES, 3)),
+        ("stage_a", "f8", (STAGES, 3)),
     ],
     align=True,
 )

@@ -38,6 +38,7 @@ _EXTRAS = {
     "textual_plotext": "ground",
     "rich": "ground",
     "satkit": "sim",
+    "satkit_data": "sim",
     "msgspec": "sim",
     "distributed": "cluster",
 }

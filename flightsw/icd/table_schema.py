@@ -15,6 +15,10 @@ MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160
 EARTH_ORIENTATION_COLUMNS = 6  # X, Y, s, xp, yp [rad], UT1 - GPS [s]
 MAX_STORED_ACCELERATION_BINS = 1440
+MAX_GRAVITY_DEGREE = 120
+# C and S of every degree and order up to the largest, C before S, order by order within a degree
+GRAVITY_COEFFICIENTS = (MAX_GRAVITY_DEGREE + 1) * (MAX_GRAVITY_DEGREE + 2)
+MAX_GRADIENT_DEGREE = 20
 
 
 class Field(NamedTuple):
@@ -267,4 +271,60 @@ EARTH_ORIENTATION = Schema(
     ),
 )
 
-SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION)}
+GRAVITY_FIELD = Schema(
+    "gravity_field",
+    3,
+    (
+        _real("gm_m3ps2", "m3/s2", 3.9e14, 4.1e14, None, "gravitational parameter that belongs to the coefficients"),
+        _real("radius_m", "m", 6.37e6, 6.39e6, None, "reference radius that belongs to the coefficients"),
+        _whole("tide_system", "0 tide_free, 1 zero_tide", 0, 1, None, "whether C20 holds the permanent tide"),
+        _whole("degree", "1", 2, MAX_GRAVITY_DEGREE, None, "largest degree in use; coefficients beyond it are zero"),
+        _real(
+            "coefficients",
+            "1",
+            -1.0,
+            1.0,
+            0.0,
+            "fully normalised C, S of degree n and order m at 2 (n (n + 1) / 2 + m) and the next",
+            GRAVITY_COEFFICIENTS,
+        ),
+    ),
+)
+
+FORCES = Schema(
+    "forces",
+    4,
+    (
+        *_group(
+            "gravity",
+            _whole("degree", "1", 2, MAX_GRAVITY_DEGREE, 50, "largest degree flown; not beyond that of the field"),
+            _whole("order", "1", 0, MAX_GRAVITY_DEGREE, 50, "largest order flown; not beyond the degree"),
+            _whole("gradient_degree", "1", 2, MAX_GRADIENT_DEGREE, 4, "largest degree and order of the gradient"),
+            _whole("solid_tides", "0 no, 1 yes", 0, 1, 1, "tide that Sun and Moon raise, degree 2"),
+            _whole("sun", "0 no, 1 yes", 0, 1, 1, "attraction of the Sun"),
+            _whole("moon", "0 no, 1 yes", 0, 1, 1, "attraction of the Moon"),
+            _whole("relativity", "0 no, 1 yes", 0, 1, 1, "Schwarzschild term: 1.6e-8 m/s2, 3 cm after 2000 s"),
+        ),
+        *_group(
+            "surface",  # 0 m2/kg leaves drag and radiation pressure out
+            _real("area_to_mass_m2pkg", "m2/kg", 0.0, 1.0, 0.005, "cross-section by mass"),
+            _real("drag_coefficient", "1", 0.0, 10.0, 2.2, "Cd; the filter estimates a scale on it"),
+            _real("radiation_coefficient", "1", 0.0, 3.0, 1.3, "Cr: 1 absorbs all, 2 reflects all"),
+        ),
+        *_group(
+            "atmosphere",  # of the onboard density model
+            _real("f107", "sfu", 50.0, 500.0, 120.0, "observed 10.7 cm flux of the day before"),
+            _real("f107_mean", "sfu", 50.0, 400.0, 120.0, "its mean over three solar rotations (81 days)"),
+            _real("ap", "2 nT", 0.0, 400.0, 8.0, "planetary geomagnetic index, daily"),
+        ),
+        *_group(
+            "integration",
+            _whole(
+                "integrator", "0 RK4, 1 RK8", 0, 1, 1, "classical Runge-Kutta, or the eighth order of Cooper-Verner"
+            ),
+            _whole("step_max_ns", "ns", 10_000_000, 60_000_000_000, 30_000_000_000, "longest step of the integrator"),
+        ),
+    ),
+)
+
+SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES)}

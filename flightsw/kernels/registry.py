@@ -25,6 +25,7 @@ F8 = types.float64
 I8 = types.int64
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
+TIMES = types.Array(types.int64, 1, "C")
 
 _OPTIONS: dict[str, Any] = {
     "cache": True,

@@ -26,6 +26,26 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         help="override a key of the set, for example limit_m=500 or tuning.0.bound_s_r_m=1e5; may be repeated",
     )
 
+    gravity = actions.add_parser("build-gravity", help="make a gravity field table from an ICGEM model file")
+    gravity.add_argument("file", metavar="FILE", nargs="?", help=".gfc or .gfc.gz; default: EGM96 of satkit-data")
+    gravity.add_argument("--degree", metavar="N", type=int, default=120, help="largest degree kept (default 120)")
+    gravity.add_argument("--out", metavar="TABLE", required=True, help="binary table to write")
+
+    forces = actions.add_parser("build-forces", help="make a force table: defaults, space weather of a day, settings")
+    forces.add_argument("--out", metavar="TABLE", required=True, help="binary table to write")
+    forces.add_argument("--name", metavar="NAME", default="forces", help="name that the table carries")
+    forces.add_argument("--day", metavar="YYYY-MM-DD", help="space weather of this day; the table is valid from it")
+    forces.add_argument("--valid-days", metavar="DAYS", type=float, default=7.0, help="how long, with --day (7)")
+    forces.add_argument("--space-weather", metavar="FILE", help="CelesTrak SW-All.csv; default: that of satkit-data")
+    forces.add_argument(
+        "--set",
+        dest="settings",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="a field of the table, for example degree=70 or area_to_mass_m2pkg=0.002; may be repeated",
+    )
+
     show = actions.add_parser("show", help="print a binary table")
     show.add_argument("file", metavar="FILE")
 
@@ -36,6 +56,12 @@ def run(args: argparse.Namespace) -> int:
     """Carry out `ground table ...`; returns the exit status."""
     if args.action == "build":
         return _build(args.set, Path(args.out), args.settings)
+    if args.action == "build-gravity":
+        from ground.tables.gravity_field import build_gravity_field
+
+        return _write(Path(args.out), build_gravity_field(args.file, args.degree))
+    if args.action == "build-forces":
+        return _build_forces(args)
     if args.action == "show":
         from ground.tables.show import read_table, render
 
@@ -49,10 +75,23 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _build(name: str, out: Path, settings: list[str]) -> int:
-    from flightsw.icd.table_file import decode
     from ground.tables.build import build_navigation, parse_setting
 
-    image = build_navigation(name, dict(parse_setting(text) for text in settings))
+    return _write(out, build_navigation(name, dict(parse_setting(text) for text in settings)))
+
+
+def _build_forces(args: argparse.Namespace) -> int:
+    from ground.tables.build import parse_setting
+    from ground.tables.forces import build_forces, parse_day
+
+    settings = dict(parse_setting(text) for text in args.settings)
+    day = parse_day(args.day) if args.day else None
+    return _write(Path(args.out), build_forces(settings, args.name, day, args.valid_days, args.space_weather))
+
+
+def _write(out: Path, image: bytes) -> int:
+    from flightsw.icd.table_file import decode
+
     write_whole(out, image)
     table = decode(image)
     print(f"{out}: {table.kind} table, set {table.set_name}, {len(image)} bytes, CRC-32 {table.crc32:08x}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 
 NS_PER_S = 1_000_000_000
 NS_PER_DAY = 86_400 * NS_PER_S
@@ -19,3 +19,16 @@ def format_gps(t_gps_ns: int) -> str:
     except OverflowError:
         return f"{t_gps_ns} ns GPS"
     return f"{instant:%Y-%m-%d %H:%M:%S} GPS"
+
+
+def calendar_day(text: str) -> date:
+    """A day given as YYYY-MM-DD; ValueError when it is none, or lies before GPS time."""
+    day = date.fromisoformat(text)
+    if day < _EPOCH.date():
+        raise ValueError(text)
+    return day
+
+
+def gps_of_day(day: date) -> int:
+    """GPS time [ns] at which the GPS clock begins a calendar day."""
+    return (day - _EPOCH.date()).days * NS_PER_DAY

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from flightsw.icd.table_file import TableImage, TableRefused, decode
-from flightsw.icd.table_schema import EARTH_ORIENTATION, NAVIGATION, SCHEMAS, Field
+from flightsw.icd.table_schema import EARTH_ORIENTATION, GRAVITY_FIELD, SCHEMAS, Field
 from ground.errors import OperatorError
 from ground.tables.build import choices
 from ground.tables.gps_time import format_gps
@@ -35,7 +35,8 @@ def render(table: TableImage) -> str:
         f"valid        {_validity(table)}",
         f"certificate  {f'{len(table.certificate)} bytes' if table.certificate else 'none: uncertified'}",
     ]
-    lines += _render_earth_orientation(table) if table.kind == EARTH_ORIENTATION.name else _render_fields(table)
+    special = {EARTH_ORIENTATION.name: _render_earth_orientation, GRAVITY_FIELD.name: _render_gravity_field}
+    lines += special.get(table.kind, _render_fields)(table)
     return "\n".join(lines)
 
 
@@ -49,9 +50,9 @@ def _validity(table: TableImage) -> str:
 def _render_fields(table: TableImage) -> list[str]:
     lines: list[str] = []
     record = table.values[0]
-    rows = int(record["tuning_rows"])
+    rows = int(record["tuning_rows"]) if "tuning_rows" in (table.values.dtype.names or ()) else 0
     group = ""
-    for field in NAVIGATION.fields:
+    for field in SCHEMAS[table.kind].fields:
         if field.group != group:
             group = field.group
             lines += ["", f"[{group}]"]
@@ -78,4 +79,19 @@ def _render_earth_orientation(table: TableImage) -> list[str]:
         x, y, s, xp, yp, ut1 = record["nodes"][i]
         angles = "".join(f"{value:>16.8e}" for value in (x, y, s, xp, yp))
         lines.append(f"{format_gps(t0 + i * step):<24}{angles}{ut1:>16.7f}")
+    return lines
+
+
+def _render_gravity_field(table: TableImage) -> list[str]:
+    """What belongs to the coefficients, and of these the size of each degree: the root of the sum of squares."""
+    record = table.values[0]
+    lines = [""]
+    for field in GRAVITY_FIELD.fields:
+        if not field.shape:
+            unit = "" if choices(field) or field.unit == "1" else field.unit
+            lines.append(f"{field.name:<26} {_scalar(field, record[field.name]):>24} {unit:<14} {field.why}")
+    lines += ["", f"{'degree':>6}{'C n0':>24}{'all orders':>16}"]
+    for n in range(2, int(record["degree"]) + 1):
+        row = record["coefficients"][n * (n + 1) : (n + 1) * (n + 2)]
+        lines.append(f"{n:>6}{row[0]:>24.15e}{np.sqrt(row @ row):>16.6e}")
     return lines
