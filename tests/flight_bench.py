@@ -30,6 +30,45 @@ MU_M3PS2 = 3.9860044e14  # of the paper
 _MJD_OF_GPS_EPOCH = 44244
 _LEAP_SECONDS = 18  # GPS - UTC at T0
 
+
+def _row(sigma_fix_m: float, integrated: tuple[float, ...], autonomous: tuple[float, ...]) -> dict[str, float]:
+    keys = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "sigma_r_floor_m", "sigma_v_floor_mps")
+    bound_keys = ("bound_q_r_m2", "bound_q_v_m2ps2", "bound_q_a_m2ps4", "bound_s_r_m", "bound_s_v_mps")
+    return {
+        "sigma_fix_m": sigma_fix_m,
+        **dict(zip(keys, integrated, strict=True)),
+        **dict(zip(bound_keys, autonomous, strict=True)),
+    }
+
+
+# Tables of the tests' own: a shipped set that is tuned anew changes nothing here.
+TABLE_1_INTEGRATED = (1.0, 0.01, 1e-6, 1.0, 1.0)
+TABLE_1_AUTONOMOUS = (500.0, 0.05, 1e-6, 1000.0, 22.0)
+COMMON_AUTONOMOUS = (26.1, 0.00423, 1.97e-7, 2.01e4, 39.4)  # REFERENCE S0, finding 11, fixes of 1 m, 1 m/s
+_PAPER: dict[str, Any] = {
+    "mu_m3ps2": MU_M3PS2,
+    "gravity_model": "central",
+    "integrator": "Euler",
+    "nav_step_ns": NS,
+    "overdue_s": 1.5,
+    "k_axis": 3.0,
+    "limit_m": 2000.0,
+    "stored_da_bins": 720,
+    "stored_da_after_fixes": 30,
+    "tuning": [
+        _row(1.5, TABLE_1_INTEGRATED, COMMON_AUTONOMOUS),
+        _row(40.0, (30.0, 0.01, 1e-6, 33.0, 5.0), (835.0, 0.027, 1.04e-6, 7.41e4, 34.5)),
+    ],
+}
+_MODEL = {"gravity_model": "J2", "integrator": "RK4", "da_max_mps2": 1e-3}
+_SOFT = (0.0, 1e-9, 1e-12, 0.5, 0.01), (10.0, 1e-4, 1e-10, 1e6, 1e3)
+SETTINGS: dict[str, dict[str, Any]] = {
+    "paper": _PAPER,
+    "paper_table1": {**_PAPER, "tuning": [_row(1.0, TABLE_1_INTEGRATED, TABLE_1_AUTONOMOUS)]},
+    "j2": {**_PAPER, **_MODEL, "tuning": [_row(100.0, *_SOFT)]},
+    "two_body": {**_PAPER, **_MODEL, "gravity_model": "central", "tuning": [_row(100.0, *_SOFT)]},
+}
+
 Truth = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -45,11 +84,11 @@ def _orientation_values() -> np.ndarray:
 
 @cache
 def _navigation_values(name: str, overrides: tuple[tuple[str, Any], ...]) -> np.ndarray:
-    return decode(build_navigation(name, dict(overrides))).values
+    return decode(build_navigation("paper", {**SETTINGS[name], **dict(overrides)})).values
 
 
 def loaded_memory(name: str = "paper", **overrides: Any) -> Memory:
-    """A memory with a shipped set and observed Earth orientation around T0; `tuning__0__q` stands for `tuning.0.q`."""
+    """A memory with one of SETTINGS and observed Earth orientation around T0; `tuning__0__q` stands for `tuning.0.q`."""
     memory = Memory()
     settings = tuple(sorted((key.replace("__", "."), value) for key, value in overrides.items()))
     memory.load(_navigation_values(name, settings), _orientation_values())
