@@ -90,7 +90,9 @@ def give_records_attributes() -> None:
 
             @wraps(function)
             def call(*arguments: Any) -> Any:
-                return plain(*(a.view(np.recarray) if a.dtype.names else a for a in arguments))
+                return plain(
+                    *(a.view(np.recarray) if isinstance(a, np.ndarray) and a.dtype.names else a for a in arguments)
+                )
 
             return call
 
