@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,21 +16,43 @@ from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Sink
 from flightsw.main_loop import MainLoop
 from flightsw.memory import Memory
+from flightsw.nav.flight_model import FLIGHT
 from flightsw.nav.step import step
 
 NAVIGATION_FILE = "navigation.tbl"
 EARTH_ORIENTATION_FILE = "earth_orientation.tbl"
+FORCES_FILE = "forces.tbl"
+GRAVITY_FIELD_FILE = "gravity_field.tbl"
 
 
 class PreflightFailed(RuntimeError):
     """Flight must not start; the text says what is wrong."""
 
 
+class ForceTables(NamedTuple):
+    """The two tables that the flight filter needs besides."""
+
+    forces: TableImage
+    gravity_field: TableImage
+
+
 def load_tables(folder: Path) -> tuple[TableImage, TableImage]:
-    """The two tables of a folder, validated; PreflightFailed names the file and the reason."""
+    """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason."""
+    navigation, orientation = _load(folder, (NAVIGATION_FILE, EARTH_ORIENTATION_FILE))
+    return navigation, orientation
+
+
+def load_force_tables(folder: Path, navigation: TableImage) -> ForceTables | None:
+    """The force tables of a folder if the navigation table flies them; None if it does not."""
+    if int(navigation.values["filter_model"][0]) != FLIGHT:
+        return None
+    return ForceTables(*_load(folder, (FORCES_FILE, GRAVITY_FIELD_FILE)))
+
+
+def _load(folder: Path, names: tuple[str, ...]) -> list[TableImage]:
     images = []
-    for name, kind in ((NAVIGATION_FILE, "navigation"), (EARTH_ORIENTATION_FILE, "earth_orientation")):
-        path = folder / name
+    for name in names:
+        path, kind = folder / name, name.removesuffix(".tbl")
         try:
             image = decode(path.read_bytes())
         except OSError as error:
@@ -41,7 +64,7 @@ def load_tables(folder: Path) -> tuple[TableImage, TableImage]:
         if image.kind != kind:
             raise PreflightFailed(f"{path}: holds a table of kind {image.kind}; {kind} is needed here")
         images.append(image)
-    return images[0], images[1]
+    return images
 
 
 def build(
@@ -53,11 +76,19 @@ def build(
     sink: Sink,
     unix_start_ns: int,
     progress: Callable[[int, int, str], None] | None = None,
+    forces: ForceTables | None = None,
 ) -> MainLoop:
     """A flight ready to tick: kernels compiled, tables loaded, one dry step flown and forgotten."""
     registry.warm_up(progress)
     memory = Memory()
     memory.load(navigation.values, orientation.values)
+    if forces is not None:
+        try:
+            memory.load_forces(forces.forces.values, forces.gravity_field.values)
+        except ValueError as error:
+            raise PreflightFailed(f"tables: {error}; build a field of that degree or fly fewer") from error
+    elif int(navigation.values["filter_model"][0]) == FLIGHT:
+        raise PreflightFailed(f"set {navigation.set_name} flies the full force model: {FORCES_FILE} is missing")
     _preflight(memory)
     return MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
 
@@ -65,7 +96,17 @@ def build(
 def _preflight(memory: Memory) -> None:
     """Run one empty step: it must neither find a state nor touch anything but the output."""
     before = memory.nav.copy()
-    step(memory.nav, memory.input, memory.table, memory.orientation, memory.work, memory.output)
+    step(
+        memory.nav,
+        memory.input,
+        memory.table,
+        memory.orientation,
+        memory.forces,
+        memory.field,
+        memory.work,
+        memory.scratch,
+        memory.output,
+    )
     if memory.output["validity"][0] != 0 or not np.array_equal(before.view(np.uint8), memory.nav.view(np.uint8)):
         raise PreflightFailed("an empty navigation step changed state: the compiled code is not sound")
     memory.reset()

@@ -111,7 +111,17 @@ class MainLoop:
         self._happened = 0
         for index in range(max(assembly.count, 1)):
             call = assembly.calls[index]
-            step(memory.nav, call, memory.table, memory.orientation, memory.work, memory.output)
+            step(
+                memory.nav,
+                call,
+                memory.table,
+                memory.orientation,
+                memory.forces,
+                memory.field,
+                memory.work,
+                memory.scratch,
+                memory.output,
+            )
             self.out = out = self.out_reader.read()
             at = self.out_reader.at
             self._happened |= int(out[at["events"]])

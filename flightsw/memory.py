@@ -6,7 +6,19 @@ import math
 
 import numpy as np
 
-from flightsw.records import INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+from flightsw.kernels.spherical_harmonics import load_field
+from flightsw.records import (
+    FIELD,
+    FORCE_TABLE,
+    FORCE_WORK,
+    GRAVITY_TABLE,
+    INPUT,
+    NAV,
+    ORIENTATION,
+    OUTPUT,
+    TABLE,
+    WORK,
+)
 
 
 class Memory:
@@ -15,7 +27,7 @@ class Memory:
     A fresh instance holds no state: nothing is shared between instances.
     """
 
-    __slots__ = ("input", "nav", "orientation", "output", "table", "work")
+    __slots__ = ("field", "forces", "input", "nav", "orientation", "output", "scratch", "table", "work")
 
     def __init__(self) -> None:
         self.nav = np.zeros(1, NAV)
@@ -24,13 +36,16 @@ class Memory:
         self.work = np.zeros(1, WORK)
         self.table = np.zeros(1, TABLE)
         self.orientation = np.zeros(1, ORIENTATION)
-        self.table.flags.writeable = False
-        self.orientation.flags.writeable = False
+        self.forces = np.zeros(1, FORCE_TABLE)
+        self.field = np.zeros(1, FIELD)
+        self.scratch = np.zeros(1, FORCE_WORK)
+        for image in (self.table, self.orientation, self.forces, self.field):
+            image.flags.writeable = False
         self.reset()
 
     def reset(self) -> None:
         """Forget all state, as after power-up; tables stay."""
-        for record in (self.nav, self.input, self.output, self.work):
+        for record in (self.nav, self.input, self.output, self.work, self.scratch):
             record.view(np.uint8)[:] = 0
         self.nav["pole"][0, 2] = 1.0
         self.nav["flag_age_s"] = math.nan
@@ -38,8 +53,33 @@ class Memory:
 
     def load(self, navigation: np.ndarray, orientation: np.ndarray) -> None:
         """Copy the payloads of the two tables (arrays of one record) into flight's aligned images."""
-        for image, payload in ((self.table, navigation), (self.orientation, orientation)):
-            image.flags.writeable = True
-            for name in payload.dtype.names or ():
-                image[name] = payload[name]
-            image.flags.writeable = False
+        _fill(self.table, navigation)
+        _fill(self.orientation, orientation)
+
+    def load_forces(self, forces: np.ndarray, gravity_field: np.ndarray) -> None:
+        """Copy the force table and make the gravity field that flies from its coefficients.
+
+        Raises ValueError where the force table asks for a higher degree than the field has.
+        """
+        source = np.zeros(1, GRAVITY_TABLE)
+        source.flags.writeable = False
+        _fill(source, gravity_field)
+        _fill(self.forces, forces)
+        self.field.flags.writeable = True
+        loaded = load_field(source, self.forces, self.field)
+        self.field.flags.writeable = False
+        if not loaded:
+            asked, given = int(self.forces["degree"][0]), int(source["degree"][0])
+            raise ValueError(f"forces of degree {asked} on a gravity field of degree {given}")
+
+    def share_tables(self, other: Memory) -> None:
+        """Fly the tables of another memory: its images, not copies of them."""
+        self.table, self.orientation = other.table, other.orientation
+        self.forces, self.field = other.forces, other.field
+
+
+def _fill(image: np.ndarray, payload: np.ndarray) -> None:
+    image.flags.writeable = True
+    for name in payload.dtype.names or ():
+        image[name] = payload[name]
+    image.flags.writeable = False

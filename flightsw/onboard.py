@@ -75,16 +75,23 @@ def open_port(text: str) -> CanPort:
         raise Refused(f"--can {text}: cannot be opened: {error}") from error
 
 
-def open_logs(out: Path | None, tables: Path, navigation: TableImage, orientation: TableImage) -> Journal:
+def open_logs(
+    out: Path | None,
+    tables: Path,
+    navigation: TableImage,
+    orientation: TableImage,
+    forces: app.ForceTables | None = None,
+) -> Journal:
     """The journal in `out`, with what a replay needs beside it: run.json and a copy of the tables. None: no logs."""
     if out is None:
         return Journal(None)
     try:
         (out / "tables").mkdir(parents=True, exist_ok=True)
-        for name in (app.NAVIGATION_FILE, app.EARTH_ORIENTATION_FILE):
+        names = (app.NAVIGATION_FILE, app.EARTH_ORIENTATION_FILE)
+        for name in names if forces is None else (*names, app.FORCES_FILE, app.GRAVITY_FIELD_FILE):
             image = (tables / name).read_bytes()  # read before writing: the two folders may be one
             (out / "tables" / name).write_bytes(image)
-        record = {"lockstep": False, **identity(navigation, orientation)}
+        record = {"lockstep": False, **identity(navigation, orientation, *(forces or ()))}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out)
     except OSError as error:
@@ -94,15 +101,18 @@ def open_logs(out: Path | None, tables: Path, navigation: TableImage, orientatio
 def run(can_bus: str, tables: Path, link: str | None, out: Path | None, ticks: int | None) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status."""
     navigation, orientation = app.load_tables(tables)
+    forces = app.load_force_tables(tables, navigation)
     sink = open_link(link)
     port = open_port(can_bus)
     try:
-        journal = open_logs(out, tables, navigation, orientation)
+        journal = open_logs(out, tables, navigation, orientation, forces)
     except Refused:
         port.close()
         raise
     try:
-        loop = app.build(navigation, orientation, RealTimeClock(), port, journal, sink, time.time_ns(), _tell_progress)
+        loop = app.build(
+            navigation, orientation, RealTimeClock(), port, journal, sink, time.time_ns(), _tell_progress, forces
+        )
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute

@@ -23,8 +23,8 @@ def package_hash() -> str:
     return digest.hexdigest()
 
 
-def identity(navigation: TableImage, orientation: TableImage) -> dict[str, Any]:
-    """The part of run.json that decides what flight does with a journal."""
+def identity(navigation: TableImage, orientation: TableImage, *others: TableImage) -> dict[str, Any]:
+    """The part of run.json that decides what flight does with a journal. others: the force tables, if they fly."""
     return {
         "flight_source_sha256": source_hash(),
         "flight_package_sha256": package_hash(),
@@ -32,6 +32,7 @@ def identity(navigation: TableImage, orientation: TableImage) -> dict[str, Any]:
         "tables": {
             "navigation": {"set": navigation.set_name, "crc32": navigation.crc32},
             "earth_orientation": {"crc32": orientation.crc32},
+            **{table.kind: {"crc32": table.crc32} for table in others},
         },
         "versions": {
             "python": platform.python_version(),

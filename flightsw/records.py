@@ -27,7 +27,7 @@ HISTORY = 12  # grid epochs kept for late fixes: latency_max over nav_step must 
 # Slices of the filter state x.
 POSITION = slice(0, 3)  # m, GCRF
 VELOCITY = slice(3, 6)  # m/s, GCRF
-ACCELERATION = slice(6, 9)  # m/s2, GCRF: dA, what the onboard gravity model lacks
+ACCELERATION = slice(6, 9)  # m/s2: the paper's dA in GCRF; empirical acceleration in RTN of the flight filter
 
 
 def _aligned(schema: Schema) -> np.dtype:
@@ -62,6 +62,8 @@ NAV = np.dtype(
         ("P_bound", "f8", (STATES, STATES)),  # the bound's, (17); equals P at an accepted fix
         ("P_ahead", "f8", (STATES, STATES)),  # the two, one step ahead: a bound serves the whole interval
         ("P_bound_ahead", "f8", (STATES, STATES)),
+        ("unmodelled", "i8"),  # a step since the last fix went without the force model
+        ("beyond_mps2", "f8", (3,)),  # acceleration at the epoch that the model of the publication lacks
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late
@@ -178,6 +180,11 @@ WORK = np.dtype(
         ("itrf_from_gcrf_rate", "f8", (3, 3)),
         ("stages", "f8", (6, 3)),
         ("gradient", "f8", (3, 3)),
+        ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
+        ("noise", "f8", (STATES, STATES)),
+        ("empirical_rtn", "f8", (3,)),
+        ("small_mps2", "f8", (3,)),
+        ("x_model", "f8", (STATES,)),
         ("gradient_squared", "f8", (3, 3)),
         ("phi", "f8", (STATES, STATES)),
         ("square", "f8", (STATES, STATES)),
@@ -202,12 +209,14 @@ WORK = np.dtype(
 )
 
 # The gravity field as the kernels sum it, made from its table once (kernels/spherical_harmonics.py): [n, m] throughout.
-# The acceleration is a series of one degree more than the potential, the gradient of two. Rows are wider than they need
-# be, so that sums may run over whole blocks of orders; 144, not 128, keeps them out of each other's cache lines.
-HARMONIC_ROWS = MAX_GRAVITY_DEGREE + 2
-HARMONIC_BLOCK = 16
+# The acceleration is a series of one degree more than the potential, the gradient of two. Sums run over HARMONIC_GROUP
+# degrees and whole blocks of orders at a time: there are rows and columns, of zeros, for that; 144 columns, not 128,
+# keep rows out of each other's cache lines.
+HARMONIC_GROUP = 4
+HARMONIC_ROWS = MAX_GRAVITY_DEGREE + 4
+HARMONIC_BLOCK = 8
 HARMONIC_WIDTH = 144
-_GRADIENT_ROWS = MAX_GRADIENT_DEGREE + 3
+_GRADIENT_ROWS = MAX_GRADIENT_DEGREE + 4
 _GRADIENT_WIDTH = 32
 
 FIELD = np.dtype(
@@ -256,8 +265,7 @@ FORCE_WORK = np.dtype(
         ("tide", "f8", (3, 3)),  # quadratic form of the tidal potential, GCRF
         ("semiannual", "f8"),  # variation of density with the season, of the density model
         # spherical harmonics
-        ("row_even", "f8", (HARMONIC_WIDTH,)),
-        ("row_odd", "f8", (HARMONIC_WIDTH,)),
+        ("rows", "f8", (HARMONIC_GROUP, HARMONIC_WIDTH)),
         ("sums", "f8", (12, HARMONIC_WIDTH)),
         # vectors
         ("r_itrf", "f8", (3,)),

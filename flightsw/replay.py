@@ -182,7 +182,9 @@ def check_versions(run_dir: Path) -> list[str]:
         raise ReplayRefused(f"{run_dir}: no readable run.json; give the folder that a run left ({error})") from None
     if not isinstance(run, dict):
         raise ReplayRefused(f"{run_dir / 'run.json'}: not the record of a run")
-    return differences(run, identity(*app.load_tables(run_dir / "tables")))
+    navigation, orientation = app.load_tables(run_dir / "tables")
+    forces = app.load_force_tables(run_dir / "tables", navigation)
+    return differences(run, identity(navigation, orientation, *(forces or ())))
 
 
 def replay(run_dir: Path, out_dir: Path) -> Outcome:
@@ -191,6 +193,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
     navigation, orientation = app.load_tables(run_dir / "tables")
+    forces = app.load_force_tables(run_dir / "tables", navigation)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         if out_dir.samefile(run_dir):
@@ -205,7 +208,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
             if loop is None:
                 clock = LockstepClock(tick.counter_ns)
                 port = CanPort(bus.open)  # type: ignore[arg-type]
-                loop = app.build(navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns)
+                loop = app.build(navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, forces=forces)
             else:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened

@@ -25,6 +25,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
     "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
+    "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
     "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),
 }
 

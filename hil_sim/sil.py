@@ -25,6 +25,7 @@ from flightsw.icd.enums import Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import Journal
 from flightsw.main_loop import MainLoop
+from flightsw.nav.flight_model import FLIGHT
 from flightsw.onboard import Refused, open_link
 from flightsw.provenance import identity
 from ground.errors import OperatorError
@@ -32,11 +33,12 @@ from ground.reports.figures import make_figures
 from ground.reports.verdict import render_verdict
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
+from ground.tables.forces import build_force_tables
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
 from hil_sim.scenario import LoadedScenario
-from hil_sim.world import World, earth_orientation_file
+from hil_sim.world import World, earth_orientation_file, space_weather_file
 
 _MARGIN_NS = 3_600_000_000_000
 _ESTIMATE_STEP_S = 10
@@ -55,7 +57,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
     _prepare_folder(out_dir)
     try:
         sink = open_link(link)
-        navigation, orientation = _build_tables(loaded, out_dir / "tables")
+        navigation, orientation, forces = _build_tables(loaded, out_dir / "tables")
     except (OperatorError, Refused, app.PreflightFailed) as error:
         raise ScenarioError(str(error)) from error
     console = Console(stderr=True)
@@ -82,6 +84,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
                     lambda done, total, name: progress.update(
                         stage, description=f"compiling {name}", completed=done, total=total
                     ),
+                    forces,
                 )
                 monitor = Monitor(world.n_ticks)
                 progress.update(stage, description=f"flying {loaded.scenario.name}", total=world.n_ticks, completed=0)
@@ -96,7 +99,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
         monitor.save(out_dir / "monitor.npz")
         np.savez(out_dir / "estimate.npz", t_gps_ns=estimate[0], da_mps2=estimate[1])
         summary = _summarise(loaded, world, loop, monitor, navigation, wall_s, out_dir)
-        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation))
+        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, forces))
         _write_json(out_dir / "timing.json", _timing(loop, wall_s, clock))
         _write_json(out_dir / "summary.json", summary)
         progress.update(stage, description="drawing figures")
@@ -125,8 +128,8 @@ def _clear(out_dir: Path) -> None:
         shutil.rmtree(out_dir / name, ignore_errors=True)
 
 
-def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, TableImage]:
-    """Build both tables into the run's folder and load them from there, as flight does anywhere else."""
+def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, TableImage, app.ForceTables | None]:
+    """Build the tables into the run's folder and load them from there, as flight does anywhere else."""
     flight = loaded.scenario.flight
     start_ns = loaded.t_start_gps_ns
     stop_ns = start_ns + round(loaded.scenario.time.duration_s * 1e9)
@@ -136,7 +139,14 @@ def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tab
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
         build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
     )
-    return app.load_tables(folder)
+    navigation, orientation = app.load_tables(folder)
+    if int(navigation.values["filter_model"][0]) == FLIGHT:
+        forces, gravity_field = build_force_tables(
+            start_ns, loaded.scenario.truth.fixed_f107, space_weather_file(loaded)
+        )
+        (folder / app.FORCES_FILE).write_bytes(forces)
+        (folder / app.GRAVITY_FIELD_FILE).write_bytes(gravity_field)
+    return navigation, orientation, app.load_force_tables(folder, navigation)
 
 
 def _fly(
@@ -208,9 +218,11 @@ def _summarise(
     return summary
 
 
-def _provenance(loaded: LoadedScenario, navigation: TableImage, orientation: TableImage) -> dict[str, Any]:
+def _provenance(
+    loaded: LoadedScenario, navigation: TableImage, orientation: TableImage, forces: app.ForceTables | None
+) -> dict[str, Any]:
     """What flew, and in which world: enough to repeat the run, and to say whether a replay may give the same bytes."""
-    flight = identity(navigation, orientation)
+    flight = identity(navigation, orientation, *(forces or ()))
     return {
         "scenario": loaded.scenario.name,
         "seed": loaded.scenario.seed,

@@ -33,7 +33,7 @@ def build_truth(loaded: LoadedScenario) -> TrackTruth:
     # a slow oscillator ends its last tick after the nominal end of the run
     drift = abs(scenario.oscillator.drift_ppm) * 1e-6
     stop = start + round(scenario.time.duration_s * (1.0 + 2.0 * drift) * 1e9) + MARGIN_NS
-    finals, weather = earth_orientation_file(loaded), _optional(loaded, "space_weather_file")
+    finals, weather = earth_orientation_file(loaded), space_weather_file(loaded)
     orbit = scenario.orbit
     if orbit.source == "propagated":
         return propagated.propagate(orbit, scenario.truth, start, stop - start, finals, weather)
@@ -47,6 +47,11 @@ def build_truth(loaded: LoadedScenario) -> TrackTruth:
 def earth_orientation_file(loaded: LoadedScenario) -> Path | None:
     """The finals2000A file the scenario names, or None for the packaged one."""
     return _optional(loaded, "earth_orientation_file")
+
+
+def space_weather_file(loaded: LoadedScenario) -> Path | None:
+    """The space weather file the scenario names, or None for the packaged one."""
+    return _optional(loaded, "space_weather_file")
 
 
 class World:

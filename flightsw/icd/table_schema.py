@@ -116,6 +116,16 @@ NAVIGATION = Schema(
             ),
         ),
         *_group(
+            "flight_filter",  # beside the paper's filter: empirical accelerations
+            _whole("filter_model", "0 paper, 1 flight", 0, 1, 0, "which process model the filter flies"),
+            _real("empirical_sigma_mps2", "m/s2", 0.0, 1e-3, 5e-8, "steady sigma of each RTN acceleration"),
+            _real("empirical_tau_s", "s", 1.0, 1e6, 600.0, "correlation time of the RTN accelerations"),
+            _real("white_radial_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white radial acceleration"),
+            _real("white_along_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white along-track acceleration"),
+            _real("white_cross_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white cross-track acceleration"),
+            _real("bound_noise_factor", "1", 0.0, 1e3, 1.0, "process noise of the bound's covariance in an outage"),
+        ),
+        *_group(
             "tuning",  # Table 1 of the paper: rows chosen by the position sigma that fixes claim
             _whole("tuning_rows", "count", 1, MAX_TUNING_ROWS, None, "rows in use"),
             _row("sigma_fix_m", "m", 0.0, 1e6, 0.0, "the row serves fixes up to this sigma; the last also worse ones"),
@@ -320,9 +330,9 @@ FORCES = Schema(
         *_group(
             "integration",
             _whole(
-                "integrator", "0 RK4, 1 RK8", 0, 1, 1, "classical Runge-Kutta, or the eighth order of Cooper-Verner"
+                "integrator", "0 RK4, 1 RK8, 2 RKN5", 0, 2, 2, "Runge-Kutta, Cooper-Verner's of order 8, Nystrom's 5"
             ),
-            _whole("step_max_ns", "ns", 10_000_000, 60_000_000_000, 30_000_000_000, "longest step of the integrator"),
+            _whole("step_max_ns", "ns", 10_000_000, 60_000_000_000, 15_000_000_000, "longest step of the integrator"),
         ),
     ),
 )

@@ -1,6 +1,6 @@
-"""Steps of the full force model: r, v [m, m/s, GCRF] by classical Runge-Kutta or by an eighth-order one.
+"""Steps of the full force model, r and v [m, m/s, GCRF]: classical Runge-Kutta, an eighth-order one, and Nyström's.
 
-Both start anew with every step, as a state that fixes correct needs. Measured reasons: docs/adr/0010.
+All start anew with every step, as a state that fixes correct needs. Measured reasons: docs/adr/0010.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from flightsw.records import FIELD, FORCE_TABLE, FORCE_WORK, ORIENTATION, STAGES
 
 RK4 = 0
 RK8 = 1
+RKN5 = 2
 
 _S = math.sqrt(21.0)
 # G. J. Cooper and J. H. Verner, Some explicit Runge-Kutta methods of high order, SIAM J. Numer. Anal. 9 (1972) 389.
@@ -60,6 +61,16 @@ RK8_MATRIX = np.array([row + [0.0] * (STAGES - len(row)) for row in _ROWS])
 RK4_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK4_WEIGHTS = np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
 RK4_MATRIX = np.array([[0.0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1.0, 0]])
+
+# E. J. Nyström, Acta Soc. Sci. Fenn. 50 (1925) 1; from E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary
+# Differential Equations I, 1993, table II.14.2: four stages, order five where the acceleration has no velocity in it.
+RKN5_NODES = np.array([0.0, 0.2, 2 / 3, 1.0])
+RKN5_MATRIX = np.array([[0.0, 0, 0, 0], [1 / 50, 0, 0, 0], [-1 / 27, 7 / 27, 0, 0], [3 / 10, -2 / 35, 9 / 35, 0]])
+RKN5_POSITION_WEIGHTS = np.array([14.0, 100.0, 54.0, 0.0]) / 336.0
+RKN5_VELOCITY_WEIGHTS = np.array([14.0, 125.0, 162.0, 35.0]) / 336.0
+# The velocity that drag and relativity see at a stage: exact for an acceleration that is constant, linear, quadratic
+# in time, as far as the stages before it can tell.
+RKN5_STAGE_VELOCITY = np.array([[0.0, 0, 0, 0], [1 / 5, 0, 0, 0], [-4 / 9, 10 / 9, 0, 0], [1 / 4, 0, 3 / 4, 0]])
 
 
 @kernel
@@ -116,6 +127,36 @@ def rk8(forces, field, eop, t_gps_ns, x, dt_ns, drag_scale, empirical_rtn, work)
 
 
 @kernel
+def rkn5(forces, field, eop, t_gps_ns, x, dt_ns, drag_scale, empirical_rtn, work):
+    """Nyström's method of fifth order with 4 stages, one step in place; False, and x untouched, outside the table."""
+    dt_s = dt_ns * 1e-9
+    if not prepare(forces, field, eop, t_gps_ns + dt_ns // 2, work):
+        return False
+    a = work.stage_a
+    for stage in range(4):
+        for i in range(3):
+            r = 0.0
+            v = 0.0
+            for earlier in range(stage):
+                r += RKN5_MATRIX[stage, earlier] * a[earlier, i]
+                v += RKN5_STAGE_VELOCITY[stage, earlier] * a[earlier, i]
+            work.r[i] = x[i] + dt_s * (RKN5_NODES[stage] * x[3 + i] + dt_s * r)
+            work.v[i] = x[3 + i] + dt_s * v
+        if not turn(eop, t_gps_ns + round(RKN5_NODES[stage] * dt_ns), work):
+            return False
+        evaluate(forces, field, work.r, work.v, drag_scale, empirical_rtn, work, a[stage])
+    for i in range(3):
+        r = 0.0
+        v = 0.0
+        for stage in range(4):
+            r += RKN5_POSITION_WEIGHTS[stage] * a[stage, i]
+            v += RKN5_VELOCITY_WEIGHTS[stage] * a[stage, i]
+        x[i] += dt_s * (x[3 + i] + dt_s * r)
+        x[3 + i] += dt_s * v
+    return True
+
+
+@kernel
 def advance(forces, field, eop, t_gps_ns, x, dt_ns, drag_scale, empirical_rtn, work):
     """Carry x = (r, v) [m, m/s, GCRF] from t over dt_ns of either sign, in equal steps no longer than the table's.
 
@@ -128,7 +169,9 @@ def advance(forces, field, eop, t_gps_ns, x, dt_ns, drag_scale, empirical_rtn, w
         # whole nanoseconds that add up to dt_ns
         until_ns = dt_ns * step // steps
         part_ns = until_ns - done_ns
-        if forces.integrator == RK8:
+        if forces.integrator == RKN5:
+            ok = rkn5(forces, field, eop, t_gps_ns + done_ns, x, part_ns, drag_scale, empirical_rtn, work)
+        elif forces.integrator == RK8:
             ok = rk8(forces, field, eop, t_gps_ns + done_ns, x, part_ns, drag_scale, empirical_rtn, work)
         else:
             ok = rk4(forces, field, eop, t_gps_ns + done_ns, x, part_ns, drag_scale, empirical_rtn, work)

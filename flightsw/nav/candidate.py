@@ -6,6 +6,7 @@ import math
 
 from flightsw.kernels.integrators import rk4
 from flightsw.kernels.registry import kernel
+from flightsw.records import STATES
 
 
 @kernel
@@ -19,7 +20,7 @@ def offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work):
     agrees = nav.candidate_count > 0 and dt_s > 0.0 and dt_s <= table.agreement_gap_max_s
     if agrees:
         x = work.x_candidate
-        for i in range(9):
+        for i in range(STATES):
             x[i] = nav.candidate_x[i]
         rk4(table, x, dt_s, nav.pole, work.stages)
         old_r = math.hypot(nav.candidate_sigma_r_m, dt_s * nav.candidate_sigma_v_mps)
@@ -32,7 +33,7 @@ def offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work):
     nav.candidate_t_gps_ns = t_gps_ns
     for i in range(6):
         nav.candidate_x[i] = work.z[i]
-    for i in range(6, 9):
+    for i in range(6, STATES):
         nav.candidate_x[i] = 0.0
     nav.candidate_sigma_r_m = sigma_r_m
     nav.candidate_sigma_v_mps = sigma_v_mps

@@ -8,9 +8,9 @@ from flightsw.icd.enums import DaSource
 from flightsw.integrity import failure_flag
 from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
-from flightsw.kernels import frames, integrators
+from flightsw.kernels import frames
 from flightsw.kernels.registry import kernel
-from flightsw.nav import stored_acceleration
+from flightsw.nav import dynamics, flight_model, stored_acceleration
 from flightsw.nav.filter import predict_covariance, transition
 from flightsw.records import HISTORY, STATES
 
@@ -41,6 +41,15 @@ def look_ahead(nav, table, work):
 
 
 @kernel
+def _withhold(nav):
+    """No bound for a state that a step without its force model has made: the flag says STALE."""
+    nav.bound_own_m = math.nan
+    nav.bound_own_3d_m = math.nan
+    nav.bound_coast_m = math.nan
+    nav.bound_coast_3d_m = math.nan
+
+
+@kernel
 def _judge(nav, table):
     """Let the flag see the bound of this interval, once, in the order of time."""
     if nav.t_gps_ns <= nav.t_evaluated_gps_ns:
@@ -54,15 +63,18 @@ def _judge(nav, table):
 
 
 @kernel
-def settle(nav, table, eop, work):
+def settle(nav, table, model, work):
     """What follows once the newest epoch is in place: pole, bounds, flag."""
-    frames.pole_gcrf(eop, nav.t_gps_ns, work, nav.pole)
+    frames.pole_gcrf(model.eop, nav.t_gps_ns, work, nav.pole)
+    dynamics.beyond_publication(table, model, nav.t_gps_ns, nav.x, nav.pole, work, nav.beyond_mps2)
     look_ahead(nav, table, work)
+    if nav.unmodelled:
+        _withhold(nav)
     _judge(nav, table)
 
 
 @kernel
-def start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
+def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     """State and covariance from the fix in work.z: the paper's start, dA = 0."""
     nav.initialised = 1
     nav.t_gps_ns = t_gps_ns
@@ -76,14 +88,18 @@ def start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
         nav.P[i, i] = sigma_r_m * sigma_r_m
         nav.P[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
         nav.P[6 + i, 6 + i] = (table.da_max_mps2 / 3.0) ** 2
+    if table.filter_model == flight_model.FLIGHT:
+        for state in range(6, 9):
+            nav.P[state, state] = table.empirical_sigma_mps2**2
     nav.P_bound[:, :] = nav.P
+    nav.unmodelled = 0
     nav.history_count = 0
     nav.streak = 0
     nav.mean_nis = 0.0
     nav.candidate_count = 0
     nav.da_source = FILTER
     nav.row = row
-    settle(nav, table, eop, work)
+    settle(nav, table, model, work)
 
 
 @kernel
@@ -100,10 +116,11 @@ def _remember(nav):
 
 
 @kernel
-def advance(nav, table, eop, work):
+def advance(nav, table, model, work):
     """One step of the grid without a fix: the mean by the model, the two covariances each by its own rule."""
     _remember(nav)
-    integrators.advance(table, nav.x, table.nav_step_ns * 1e-9, nav.pole, work.stages)
+    if not dynamics.advance(table, model, nav.t_gps_ns, nav.x, table.nav_step_ns, nav.pole, work):
+        nav.unmodelled = 1
     nav.P[:, :] = nav.P_ahead
     nav.P_bound[:, :] = nav.P_bound_ahead
     nav.t_gps_ns += table.nav_step_ns
@@ -112,11 +129,11 @@ def advance(nav, table, eop, work):
             nav.da_source = STORED
         else:
             nav.da_source = HELD
-    settle(nav, table, eop, work)
+    settle(nav, table, model, work)
 
 
 @kernel
-def predict_to(nav, table, t_gps_ns, work):
+def predict_to(nav, table, model, t_gps_ns, work):
     """State and covariance predicted to the time of a fix, into work.x and work.P; the chain is not touched.
 
     Starts from the newest epoch that is not later than the fix. False where the history does not reach back.
@@ -141,13 +158,13 @@ def predict_to(nav, table, t_gps_ns, work):
         dt_s = step_ns * 1e-9
         transition(table, work.x, dt_s, nav.pole, work)
         predict_covariance(table, nav.row, share, work.P, work, work.P)
-        integrators.advance(table, work.x, dt_s, nav.pole, work.stages)
+        dynamics.advance(table, model, t_ns, work.x, step_ns, nav.pole, work)
         t_ns += step_ns
     return True
 
 
 @kernel
-def commit(nav, table, eop, t_gps_ns, row, work):
+def commit(nav, table, model, t_gps_ns, row, work):
     """The corrected state in work.x and work.P becomes the newest epoch; both covariances start from it."""
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
@@ -155,7 +172,8 @@ def commit(nav, table, eop, t_gps_ns, row, work):
         nav.x[i] = work.x[i]
     nav.P[:, :] = work.P
     nav.P_bound[:, :] = work.P
+    nav.unmodelled = 0
     nav.history_count = 0
     nav.da_source = FILTER
     nav.row = row
-    settle(nav, table, eop, work)
+    settle(nav, table, model, work)

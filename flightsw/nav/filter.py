@@ -12,12 +12,13 @@ from flightsw.kernels.linalg import (
     symmetrise,
 )
 from flightsw.kernels.registry import kernel
+from flightsw.nav import flight_model
 from flightsw.records import MEASUREMENTS, STATES
 
 
 @kernel
 def transition(table, x, dt_s, pole, work):
-    """Jacobian of one step of length dt_s at x into work.phi.
+    """Jacobian of one step of length dt_s at x into work.phi; for the flight model also its noise into work.noise.
 
     With Euler it is the paper's Phi, exactly the derivative of (3). With RK4 it is the exponential of the
     Jacobian to second order, whose error over a step of 1 s is below 1e-9.
@@ -25,6 +26,9 @@ def transition(table, x, dt_s, pole, work):
     phi = work.phi
     g = work.gradient
     gravity.gradient(table, x[0:3], pole, g)
+    if table.filter_model == flight_model.FLIGHT:
+        flight_model.transition(table, x, dt_s, work)
+        return
     phi[:, :] = 0.0
     second_order = 0.5 * dt_s * dt_s if table.integrator == integrators.RK4 else 0.0
     for i in range(3):
@@ -55,7 +59,13 @@ def propagate(p, q_r, q_v, q_a, work, out):
 
 @kernel
 def predict_covariance(table, row, share, p, work, out):
-    """Equation (7) over `share` of a step with the noise of a tuning row; `out` may be `p`."""
+    """Equation (7) over `share` of a step with the noise of a tuning row; `out` may be `p`.
+
+    The flight model brings its own noise, made with the transition for the length of the step.
+    """
+    if table.filter_model == flight_model.FLIGHT:
+        flight_model.propagate(p, 1.0, work, out)
+        return
     propagate(
         p,
         share * table.tuning_q_r_m2[row],
@@ -149,7 +159,6 @@ def is_sound(table, x, p):
     for i in range(STATES):
         if not (abs(x[i]) < 1e300):
             return False
-    for i in range(STATES):
         for j in range(STATES):
             if not (abs(p[i, j]) < 1e300):
                 return False

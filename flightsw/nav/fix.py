@@ -77,10 +77,10 @@ def _declare_unreliable(nav, out, event):
 
 
 @kernel
-def process(nav, table, eop, inp, work, out):
+def process(nav, table, model, inp, work, out):
     """Take a fix that passed its checks. Returns USED or the RejectCause; a rejected fix changes no state."""
     row = row_for(table, inp)
-    if not to_gcrf(table, eop, row, inp, work):
+    if not to_gcrf(table, model.eop, row, inp, work):
         return _EARTH_ORIENTATION
     t_gps_ns = inp.fix_gps_ns
     nav.t_seen_gps_ns = t_gps_ns
@@ -91,13 +91,13 @@ def process(nav, table, eop, inp, work, out):
         sigma_v_mps = max(sigma_v_mps, max(inp.fix_sigma_v_mps[i], table.tuning_sigma_v_floor_mps[row]))
 
     if not nav.initialised:
-        frames.pole_gcrf(eop, t_gps_ns, work, nav.pole)
+        frames.pole_gcrf(model.eop, t_gps_ns, work, nav.pole)
         if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.init_fixes:
-            chain.start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
+            chain.start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
             out.events |= _INITIALISED
         return USED
 
-    if not chain.predict_to(nav, table, t_gps_ns, work):
+    if not chain.predict_to(nav, table, model, t_gps_ns, work):
         return _TIME_STALE
     if not innovate(table, work.x, work.P, work, out):
         nav.initialised = 0
@@ -107,7 +107,7 @@ def process(nav, table, eop, inp, work, out):
         nav.streak = 0
         if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.reinit_fixes:
             _declare_unreliable(nav, out, _REINITIALISED)
-            chain.start(nav, table, eop, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
+            chain.start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
         return _GATE
 
     correct(work.x, work.P, work, out)
@@ -120,8 +120,8 @@ def process(nav, table, eop, inp, work, out):
     nav.candidate_count = 0
     nis_per_dof = out.nis / MEASUREMENTS
     nav.mean_nis += (nis_per_dof - nav.mean_nis) / min(nav.streak, table.clear_fixes)
-    chain.commit(nav, table, eop, t_gps_ns, row, work)
-    if nav.streak >= table.stored_da_after_fixes:
+    chain.commit(nav, table, model, t_gps_ns, row, work)
+    if table.stored_da_use and nav.streak >= table.stored_da_after_fixes:
         stored_acceleration.store(nav, table, nav.x, t_gps_ns, work)
     bound_m = failure_flag.driving(table, nav.bound_own_m, nav.bound_own_3d_m)
     if math.isfinite(bound_m) and failure_flag.clear_if_recovered(nav, table, bound_m):

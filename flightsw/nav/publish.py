@@ -46,6 +46,8 @@ def _state_at(nav, table, t_gps_ns, work, out):
     """The newest epoch carried to the stamp. RK4 whatever the table's integrator: it adds no error of its own."""
     x = work.x_publish
     x[:] = nav.x
+    for i in range(3):
+        x[6 + i] = nav.beyond_mps2[i]
     rk4(table, x, (t_gps_ns - nav.t_gps_ns) * 1e-9, nav.pole, work.stages)
     for i in range(3):
         out.r_gcrf_m[i] = x[i]

@@ -16,8 +16,20 @@ from flightsw.integrity import failure_flag
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
 from flightsw.nav import chain, clock, fix, fix_checks
+from flightsw.nav.dynamics import Model
 from flightsw.nav.publish import publish
-from flightsw.records import INPUT, MEASUREMENTS, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+from flightsw.records import (
+    FIELD,
+    FORCE_TABLE,
+    FORCE_WORK,
+    INPUT,
+    MEASUREMENTS,
+    NAV,
+    ORIENTATION,
+    OUTPUT,
+    TABLE,
+    WORK,
+)
 
 _CLOCK_UNSET = int(RejectCause.CLOCK_UNSET)
 _TIME_JUMP = int(RejectCause.TIME_JUMP)
@@ -54,7 +66,7 @@ def _keep_time(nav, table, inp, out):
 
 
 @kernel
-def _take_fix(nav, table, eop, inp, work, out):
+def _take_fix(nav, table, model, inp, work, out):
     if not nav.clock_valid:
         cause = _CLOCK_UNSET
     else:
@@ -64,7 +76,7 @@ def _take_fix(nav, table, eop, inp, work, out):
         if cause == fix_checks.PASSED:
             cause = fix_checks.check_content(table, inp)
         if cause == fix_checks.PASSED:
-            cause = fix.process(nav, table, eop, inp, work, out)
+            cause = fix.process(nav, table, model, inp, work, out)
     if cause >= 0:
         nav.rejected[cause] += 1
     out.fix_seen = 1
@@ -78,11 +90,26 @@ def _take_fix(nav, table, eop, inp, work, out):
     records(INPUT),
     frozen_records(TABLE),
     frozen_records(ORIENTATION),
+    frozen_records(FORCE_TABLE),
+    frozen_records(FIELD),
     records(WORK),
+    records(FORCE_WORK),
     records(OUTPUT),
 )
-def step(nav_record, input_record, table_record, orientation_record, work_record, output_record):
+def step(
+    nav_record,
+    input_record,
+    table_record,
+    orientation_record,
+    forces_record,
+    field_record,
+    work_record,
+    scratch_record,
+    output_record,
+):
     """Advance navigation to the reading of the counter in the input. Arrays of one record each; see `records`.
+
+    The force table and the gravity field are read by the flight filter only.
 
     A pulse and a fix may come with a call; call again with the same reading for more of them. Rejections are
     counted by cause in NAV.rejected and change nothing else.
@@ -90,7 +117,7 @@ def step(nav_record, input_record, table_record, orientation_record, work_record
     nav = nav_record[0]
     inp = input_record[0]
     table = table_record[0]
-    eop = orientation_record[0]
+    model = Model(orientation_record[0], forces_record[0], field_record[0], scratch_record[0])
     work = work_record[0]
     out = output_record[0]
     out.events = 0
@@ -107,18 +134,18 @@ def step(nav_record, input_record, table_record, orientation_record, work_record
     if inp.pulse_present:
         _keep_time(nav, table, inp, out)
     if inp.fix_present:
-        _take_fix(nav, table, eop, inp, work, out)
+        _take_fix(nav, table, model, inp, work, out)
     t_now = clock.gps_at(nav, inp.counter_now_ns) if nav.clock_valid else 0
 
     age_s = 0.0
     if nav.initialised:
         steps = 0
         while nav.t_gps_ns + table.nav_step_ns <= t_now and steps < _CATCH_UP:
-            chain.advance(nav, table, eop, work)
+            chain.advance(nav, table, model, work)
             steps += 1
         age_s = (t_now - nav.t_fix_gps_ns) * 1e-9
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
-    publish(nav, table, eop, t_now, work, out)
+    publish(nav, table, model.eop, t_now, work, out)

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
+from flightsw.nav.flight_model import FLIGHT
 from flightsw.records import INPUT
 from ground.campaign import arc
 from ground.errors import OperatorError
 from ground.studies.flights import COARSE_TICK_NS, NS, Prepared, prepare
+from ground.tables.forces import build_force_tables
 
 AGES_S = (60, 300, 900, 2000, 5580, 7200)
 CONVERGENCE_S = 12_000.0  # two revolutions before the first outage
@@ -107,6 +111,7 @@ def measure(
     profile: str,
     table_set: str = "j2",
     overrides: Mapping[str, Any] | None = None,
+    gravity: Path | None = None,
     advance: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
     """Fly one orbit with one fix profile. Raises OperatorError where data or settings do not allow it."""
@@ -117,7 +122,11 @@ def measure(
     )
     inputs, ticks = prepared.inputs
     memory = Memory()
-    memory.load(prepared.table(overrides).values, prepared.orientation.values)
+    navigation = prepared.table(overrides).values
+    memory.load(navigation, prepared.orientation.values)
+    if int(navigation["filter_model"][0]) == FLIGHT:
+        tables = build_force_tables(prepared.world.t_start_gps_ns, gravity_path=gravity)
+        memory.load_forces(*(decode(table).values for table in tables))
     starts = _start_ticks(prepared)
     if not len(starts):
         raise OperatorError(f"{orbit.name}: too short for {CONVERGENCE_S:g} s of fixes and {AGES_S[-1]} s without")
@@ -167,7 +176,7 @@ def _outage(prepared: Prepared, memory: Memory, tick: int) -> tuple[np.ndarray, 
     blank = np.zeros(len(span), INPUT)
     blank["counter_now_ns"] = world.counter0_ns + span * world.tick_period_ns
     coasting = Memory()
-    coasting.load(memory.table, memory.orientation)
+    coasting.share_tables(memory)
     coasting.nav[:] = memory.nav
     outputs = arc.fly(coasting, blank)
     at = [int(age * NS // world.tick_period_ns) for age in AGES_S]

@@ -29,7 +29,7 @@ def aligned(dtype: np.dtype, payload: np.ndarray) -> np.ndarray:
 
 
 class FlightModel:
-    """Gravity field, force table, Earth orientation and scratch. gravity: an ICGEM file; None takes EGM96."""
+    """Gravity field, force table, Earth orientation and scratch. gravity: an ICGEM file; None takes ITU_GRACE16."""
 
     def __init__(
         self,

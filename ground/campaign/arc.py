@@ -7,13 +7,24 @@ import numpy as np
 from flightsw.kernels.registry import entry, frozen_records, records
 from flightsw.memory import Memory
 from flightsw.nav.step import step
-from flightsw.records import INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
+from flightsw.records import FIELD, FORCE_TABLE, FORCE_WORK, INPUT, NAV, ORIENTATION, OUTPUT, TABLE, WORK
 
 
-@entry(records(NAV), records(INPUT), frozen_records(TABLE), frozen_records(ORIENTATION), records(WORK), records(OUTPUT))
-def _fly(nav, inputs, table, orientation, work, outputs):
+@entry(
+    records(NAV),
+    records(INPUT),
+    frozen_records(TABLE),
+    frozen_records(ORIENTATION),
+    frozen_records(FORCE_TABLE),
+    frozen_records(FIELD),
+    records(WORK),
+    records(FORCE_WORK),
+    records(OUTPUT),
+)
+def _fly(nav, inputs, table, orientation, forces, field, work, scratch, outputs):
     for index in range(inputs.shape[0]):
-        step(nav, inputs[index : index + 1], table, orientation, work, outputs[index : index + 1])
+        at = slice(index, index + 1)
+        step(nav, inputs[at], table, orientation, forces, field, work, scratch, outputs[at])
 
 
 def fly(memory: Memory, inputs: np.ndarray) -> np.ndarray:
@@ -22,5 +33,15 @@ def fly(memory: Memory, inputs: np.ndarray) -> np.ndarray:
     Args: inputs (n,) of `records.INPUT`, in order of time. Returns (n,) of `records.OUTPUT`, one for each.
     """
     outputs = np.zeros(len(inputs), OUTPUT)
-    _fly(memory.nav, inputs, memory.table, memory.orientation, memory.work, outputs)
+    _fly(
+        memory.nav,
+        inputs,
+        memory.table,
+        memory.orientation,
+        memory.forces,
+        memory.field,
+        memory.work,
+        memory.scratch,
+        outputs,
+    )
     return outputs

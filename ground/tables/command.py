@@ -27,7 +27,7 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
     )
 
     gravity = actions.add_parser("build-gravity", help="make a gravity field table from an ICGEM model file")
-    gravity.add_argument("file", metavar="FILE", nargs="?", help=".gfc or .gfc.gz; default: EGM96 of satkit-data")
+    gravity.add_argument("file", metavar="FILE", nargs="?", help=".gfc or .gfc.gz; default: ITU_GRACE16 of satkit-data")
     gravity.add_argument("--degree", metavar="N", type=int, default=120, help="largest degree kept (default 120)")
     gravity.add_argument("--out", metavar="TABLE", required=True, help="binary table to write")
 

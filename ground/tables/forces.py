@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flightsw.icd.table_file import TableRefused, encode
+from flightsw.icd.table_file import TableRefused, decode, encode
 from flightsw.icd.table_schema import FORCES
 from ground.errors import OperatorError, did_you_mean
 from ground.tables.build import choices
 from ground.tables.gps_time import NS_PER_DAY, calendar_day, gps_of_day
+from ground.tables.gravity_field import build_gravity_field
 
+_GPS_EPOCH = date(1980, 1, 6)
 _MEAN_DAYS = 81  # three solar rotations
 _FIELDS = {field.name: field for field in FORCES.fields}
 
@@ -97,6 +99,27 @@ def build_forces(
         return encode(FORCES.name, name, values, valid_from_gps_ns=valid_from, valid_to_gps_ns=valid_to)
     except TableRefused as error:
         raise OperatorError(str(error)) from error
+
+
+def build_force_tables(
+    t_start_gps_ns: int,
+    fixed_f107: float | None = None,
+    space_weather_path: str | Path | None = None,
+    gravity_path: str | Path | None = None,
+) -> tuple[bytes, bytes]:
+    """The two tables that the flight filter needs for a flight from t_start: forces and gravity field.
+
+    Space weather of that day, or a fixed F10.7; gravity from a model file or the packaged one. At the filter's step of
+    a second the fourth-order integrator errs by micrometres, at less than half the cost of the eighth-order one.
+    """
+    settings: dict[str, Any] = {"integrator": "RK4"}
+    day: date | None = _GPS_EPOCH + timedelta(days=t_start_gps_ns // NS_PER_DAY)
+    if fixed_f107 is not None:
+        settings |= {"f107": fixed_f107, "f107_mean": fixed_f107}
+        day = None
+    forces = build_forces(settings, day=day, space_weather_path=space_weather_path)
+    degree = int(decode(forces).values["degree"][0])
+    return forces, build_gravity_field(gravity_path, degree)
 
 
 def parse_day(text: str) -> date:

@@ -32,3 +32,8 @@ def calendar_day(text: str) -> date:
 def gps_of_day(day: date) -> int:
     """GPS time [ns] at which the GPS clock begins a calendar day."""
     return (day - _EPOCH.date()).days * NS_PER_DAY
+
+
+def day_of_gps(t_gps_ns: int) -> date:
+    """The calendar day of the GPS clock at a GPS time [ns]."""
+    return (_EPOCH + timedelta(days=t_gps_ns // NS_PER_DAY)).date()

@@ -22,6 +22,7 @@ ENVIRONMENT_ROOTS = {
         "keys the kernel cache where kernels are declared: a root that forgot to would fly stale machine code "
         "(docs/adr/0001)"
     ),
+    "ground/accuracy/command.py": "finds the operator's folder of real orbits (LEONAV_DATA)",
     "hil_sim/scenario.py": "finds the operator's data folder (LEONAV_DATA) and the files a scenario names",
     "hil_sim/truth/satkit_data.py": "satkit takes the folder of its data from the environment only",
 }

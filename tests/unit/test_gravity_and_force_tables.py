@@ -148,7 +148,7 @@ def test_space_weather_of_a_day_as_it_would_be_known_on_board() -> None:
         ({"degree": 121}, "outside"),
         ({"degree": 50.5}, "whole number"),
         ({"degree": 20, "order": 30}, "order = 30 exceeds degree = 20"),
-        ({"integrator": "RK5"}, "none of RK4, RK8"),
+        ({"integrator": "RK5"}, "none of RK4, RK8, RKN5"),
         ({"f107": float("nan")}, "outside"),
         ({"drag_coefficient": "big"}, "numbers"),
         ({"sun": True}, "whole number"),

@@ -60,6 +60,7 @@ def test_third_body_agrees_with_forty_digits(kind, size):
         assert np.array_equal(out, np.array([1.0, -2.0, 3.0]) + alone)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(("force", "share"), [("sun", 0.001), ("moon", 0.004), ("tides", 0.01), ("relativity", 0.01)])
 def test_each_force_moves_a_satellite_as_in_satkit(force, share):
     """What one force alone displaces in 6000 s, metres to centimetres, against satkit's (JPL ephemeris, IERS tides)."""

@@ -93,6 +93,7 @@ def test_drag_by_hand():
     assert np.abs(out).max() < 1e-25
 
 
+@pytest.mark.compiled
 def test_drag_moves_a_satellite_as_in_satkit_by_the_ratio_of_the_densities():
     """400 km, 6000 s, Cd A/m of 0.1 m2/kg: a hundred metres on either density, and their ratio is theirs."""
     settings = {"degree": 4, "sun": "no", "moon": "no", "solid_tides": "no", "relativity": "no"}
@@ -108,6 +109,7 @@ def test_drag_moves_a_satellite_as_in_satkit_by_the_ratio_of_the_densities():
     assert moved @ expected > 0.999 * np.linalg.norm(moved) * np.linalg.norm(expected)
 
 
+@pytest.mark.compiled
 def test_sunlight_moves_a_satellite_as_in_satkit():
     """6000 s through sunlight and shadow, Cr A/m of 0.02 m2/kg: a metre; satkit's shadow is conical too."""
     settings = {"degree": 4, "sun": "no", "moon": "no", "solid_tides": "no", "relativity": "no"}

@@ -27,6 +27,7 @@ def test_gravity_is_taken_in_the_earth_fixed_frame():
     assert np.linalg.norm(got - m.T @ fixed) < 2e-11  # 1e-4 m of frame
 
 
+@pytest.mark.compiled
 def test_the_whole_sum_moves_a_satellite_as_satkit_does():
     """2000 s at 50x50 with Sun, Moon, tides, relativity: a centimetre; the Moon's series is the largest part of it."""
     model = flight_model(degree=50, area_to_mass_m2pkg=0.0)
