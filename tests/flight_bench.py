@@ -220,6 +220,7 @@ def put_fixes(
 ) -> None:
     """3-D fixes of the truth at these GPS times, with or without white noise, into the inputs at these places."""
     t = np.atleast_1d(np.asarray(t_gps_ns, dtype=np.int64))
+    where = np.atleast_1d(np.arange(len(inputs))[where])
     r, v = truth(t)
     if noise is not None:
         r = r + sigma_r_m * noise.standard_normal(r.shape)
@@ -262,7 +263,17 @@ def run(memory: Memory, inputs: np.ndarray) -> Iterator[Any]:
     """Step through the inputs; yields the output record after each, the same one, refilled."""
     out = record(memory.output)
     for index in range(len(inputs)):
-        step(memory.nav, inputs[index : index + 1], memory.table, memory.orientation, memory.work, memory.output)
+        step(
+            memory.nav,
+            inputs[index : index + 1],
+            memory.table,
+            memory.orientation,
+            memory.forces,
+            memory.field,
+            memory.work,
+            memory.scratch,
+            memory.output,
+        )
         yield out
 
 

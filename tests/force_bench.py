@@ -10,6 +10,7 @@ from flight_bench import T0_GPS_NS, loaded_memory, record
 
 from flightsw.records import FIELD, FORCE_TABLE, FORCE_WORK, GRAVITY_TABLE
 from ground.accuracy.flight_model import FlightModel
+from ground.tables.gravity_field import packaged_model
 
 NO_FORCES = {"solid_tides": "no", "sun": "no", "moon": "no", "relativity": "no", "area_to_mass_m2pkg": 0.0}
 ZERO = np.zeros(3)
@@ -18,7 +19,7 @@ ZERO = np.zeros(3)
 @cache
 def flight_model(**settings: Any) -> FlightModel:
     """EGM96 and the Earth orientation around T0; settings are those of the force table."""
-    return FlightModel(loaded_memory("j2").orientation, None, settings)
+    return FlightModel(loaded_memory("j2").orientation, packaged_model("EGM96"), settings)
 
 
 def bare_field(c20: float = 0.0, degree: int = 2, tide_system: int = 0) -> np.ndarray:

@@ -34,14 +34,14 @@ class GravityModel(NamedTuple):
     s: np.ndarray
 
 
-def packaged_model() -> Path:
-    """ITU_GRACE16 of satkit-data, the only packaged model from satellite tracking of this century.
+def packaged_model(name: str = "ITU_GRACE16") -> Path:
+    """A model of satkit-data: by default ITU_GRACE16, the only one from the satellite tracking of this century.
 
     EGM96 doubles the steady error of a filter that flies it. ModuleNotFoundError where satkit-data is not installed.
     """
     import satkit_data
 
-    return Path(next(iter(satkit_data.__path__))) / "data" / "ITU_GRACE16.gfc"
+    return Path(next(iter(satkit_data.__path__))) / "data" / f"{name}.gfc"
 
 
 def build_gravity_field(path: str | Path | None = None, degree: int = MAX_GRAVITY_DEGREE) -> bytes:

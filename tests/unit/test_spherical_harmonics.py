@@ -30,7 +30,7 @@ PLACES = {
 @cache
 def coefficients():
     """C, S of EGM96 as numbers of mpmath, unnormalised by exact factorials."""
-    model = read_gfc(packaged_model(), DEGREE)
+    model = read_gfc(packaged_model("EGM96"), DEGREE)
     with mp.workdps(50):
         c = [[mpf(0)] * (DEGREE + 1) for _ in range(DEGREE + 1)]
         s = [[mpf(0)] * (DEGREE + 1) for _ in range(DEGREE + 1)]
