@@ -35,7 +35,9 @@ def add_arguments(subparsers: Any) -> None:
         action.add_argument(
             "--orbit", metavar="FILE", type=Path, action="append", help=".sp3, .orb, .EOF (also .gz); may be repeated"
         )
-        action.add_argument("--gravity", metavar="FILE", type=Path, help="ICGEM file (default: EGM2008, else EGM96)")
+        action.add_argument(
+            "--gravity", metavar="FILE", type=Path, help="ICGEM file (default: EGM2008, else the packaged one)"
+        )
         action.add_argument("--degree", metavar="N", type=int, default=70, help="degree and order (default 70)")
         action.add_argument(
             "--set", dest="settings", metavar="KEY=VALUE", action="append", default=[], help="field of the force table"
