@@ -10,8 +10,15 @@ from flightsw.kernels.registry import kernel
 
 @kernel
 def axis_bound_m(table, p):
-    """s = k max_i sqrt(P_ii), i = x, y, z in GCRF; equation (12). NaN where a variance is negative."""
-    return table.k_axis * math.sqrt(max(p[0, 0], max(p[1, 1], p[2, 2])))
+    """s = k max_i sqrt(P_ii), i = x, y, z in GCRF; equation (12). NaN where a variance is negative or NaN."""
+    largest = 0.0
+    for i in range(3):
+        # Not max(): it drops a NaN, and a bound over the two good axes would look healthy.
+        if not (p[i, i] >= 0.0):
+            return math.nan
+        if p[i, i] > largest:
+            largest = p[i, i]
+    return table.k_axis * math.sqrt(largest)
 
 
 @kernel

@@ -97,8 +97,14 @@ def take_pulse(nav, table, status, gps_ns, counter_ns, sigma_ns, counter_now_ns)
 
     elapsed_ns = counter_ns - nav.clock_counter_ns
     error_ns = (gps_ns - nav.clock_gps_ns) - elapsed_ns - (nav.clock_phase_ns + nav.clock_drift * elapsed_ns)
-    if elapsed_ns <= 0 or abs(error_ns) > tolerance_ns(nav, table, counter_ns):
+    if elapsed_ns <= 0 or abs(error_ns) > 1e9 * table.latch_tolerance_s:
         _chain(nav, table, gps_ns, counter_ns)
+        # What the oscillator may have drifted since the last accepted pulse is believed of several pulses that agree,
+        # not of one: a single wrong pulse after an outage would lock the true ones out.
+        drifted = elapsed_ns > 0 and abs(error_ns) <= tolerance_ns(nav, table, counter_ns)
+        if drifted and nav.pulse_chain >= table.clock_start_pulses:
+            _start_from_chain(nav, table, sigma_s)
+            return ACCEPTED
         if 0 < table.clock_restart_pulses <= nav.pulse_chain:
             _start_from_chain(nav, table, sigma_s)
             return RESTARTED

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,12 +44,22 @@ def add_arguments(subparsers: Any) -> None:
         action.add_argument(
             "--set", dest="settings", metavar="KEY=VALUE", action="append", default=[], help="field of the force table"
         )
+    filter_ = actions.add_parser("filter", help="the whole filter: steady error with fixes, error and bound without")
+    filter_.add_argument("--set-name", default="flight", metavar="SET", help="table set that flies (default flight)")
+    filter_.add_argument(
+        "--orbit", action="append", metavar="NAME", help="sentinel3a, gracefo, jason2; may be repeated (default: all)"
+    )
+    filter_.add_argument("--profile", default="white", metavar="NAME", help="fixes: white or coloured (default white)")
+    filter_.add_argument("--gravity", metavar="FILE", type=Path, help="ICGEM file (default: EGM2008, else packaged)")
+    filter_.add_argument("--json", metavar="FILE", type=Path, help="write the figures there")
     forces.add_argument("--starts", metavar="N", type=int, help="at most so many starts (default: all, 1000 s apart)")
     forces.add_argument("--peer-starts", metavar="N", type=int, default=20, help="starts flown by satkit (0: none)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns 0."""
+    if args.action == "filter":
+        return _run_filter(args)
     from ground.accuracy.orbits import read_orbit
     from ground.tables.build import parse_setting
 
@@ -68,6 +80,37 @@ def run(args: argparse.Namespace) -> int:
             _print_integrators(model, orbit)
         print()
     return 0
+
+
+def _run_filter(args: argparse.Namespace) -> int:
+    from flightsw.kernels.registry import warm_up
+    from ground.accuracy import bench
+    from ground.errors import did_you_mean
+
+    for name in args.orbit or ():
+        if name not in bench.ORBITS:
+            raise OperatorError(f"--orbit {name}: none of {', '.join(bench.ORBITS)}{did_you_mean(name, bench.ORBITS)}")
+    if args.profile not in bench.PROFILES:
+        raise OperatorError(f"--profile {args.profile}: none of {', '.join(bench.PROFILES)}")
+    data = _data_folder()
+    gravity = args.gravity or (data / GRAVITY if (data / GRAVITY).is_file() else None)
+    warm_up()
+    results = []
+    for name in args.orbit or bench.ORBITS:
+        result = bench.measure(bench.ORBITS[name], args.profile, args.set_name, gravity=gravity, advance=_tell_start)
+        print("\r" + " " * 40 + "\r", end="", file=sys.stderr)
+        print(bench.table([result]), flush=True)
+        results.append(result.summary())
+    if args.json:
+        try:
+            args.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise OperatorError(f"--json {args.json}: cannot be written ({error.strerror})") from error
+    return 0
+
+
+def _tell_start(done: int, total: int) -> None:
+    print(f"\r  outage {done} of {total}", end="", file=sys.stderr, flush=True)
 
 
 def _data_folder() -> Path:
