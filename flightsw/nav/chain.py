@@ -26,15 +26,21 @@ def is_overdue(nav, table, t_gps_ns):
 
 
 @kernel
+def _larger(a, b):
+    """The larger of two bounds; NaN where either is, which `max` would drop."""
+    return a if a >= b or math.isnan(a) else b
+
+
+@kernel
 def look_ahead(nav, table, work):
     """Covariances one step ahead, and from both ends of the interval its bounds."""
     transition(table, nav.x, table.nav_step_ns * 1e-9, nav.pole, work)
     predict_covariance(table, nav.row, 1.0, nav.P, work, nav.P_ahead)
-    nav.bound_own_m = max(axis_bound_m(table, nav.P), axis_bound_m(table, nav.P_ahead))
-    nav.bound_own_3d_m = max(radius_bound_m(table, nav.P), radius_bound_m(table, nav.P_ahead))
+    nav.bound_own_m = _larger(axis_bound_m(table, nav.P), axis_bound_m(table, nav.P_ahead))
+    nav.bound_own_3d_m = _larger(radius_bound_m(table, nav.P), radius_bound_m(table, nav.P_ahead))
     if predict_bound_covariance(table, nav.row, nav.P_bound, work, nav.P_bound_ahead):
-        nav.bound_coast_m = max(axis_bound_m(table, nav.P_bound), axis_bound_m(table, nav.P_bound_ahead))
-        nav.bound_coast_3d_m = max(radius_bound_m(table, nav.P_bound), radius_bound_m(table, nav.P_bound_ahead))
+        nav.bound_coast_m = _larger(axis_bound_m(table, nav.P_bound), axis_bound_m(table, nav.P_bound_ahead))
+        nav.bound_coast_3d_m = _larger(radius_bound_m(table, nav.P_bound), radius_bound_m(table, nav.P_bound_ahead))
     else:
         nav.bound_coast_m = math.nan
         nav.bound_coast_3d_m = math.nan

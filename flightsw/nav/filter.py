@@ -21,7 +21,7 @@ def transition(table, x, dt_s, pole, work):
     """Jacobian of one step of length dt_s at x into work.phi; for the flight model also its noise into work.noise.
 
     With Euler it is the paper's Phi, exactly the derivative of (3). With RK4 it is the exponential of the
-    Jacobian to second order, whose error over a step of 1 s is below 1e-9.
+    Jacobian to second order: what it leaves out, G tau^3 / 6, is below 5e-7 s for a step of 1 s.
     """
     phi = work.phi
     g = work.gradient

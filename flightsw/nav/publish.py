@@ -88,8 +88,11 @@ def publish(nav, table, eop, t_gps_ns, work, out):
             out.bound_m = nav.bound_own_m
             out.bound_3d_m = nav.bound_own_3d_m
         # A chain that has not caught up with the stamp has no bound for it.
-        if t_gps_ns - nav.t_gps_ns > table.nav_step_ns and out.flag != _RAISED:
-            out.flag = _STALE
+        if t_gps_ns - nav.t_gps_ns > table.nav_step_ns:
+            out.bound_m = math.nan
+            out.bound_3d_m = math.nan
+            if out.flag != _RAISED:
+                out.flag = _STALE
     else:
         _nothing(out)
 

@@ -54,10 +54,13 @@ def _keep_time(nav, table, inp, out):
     if outcome == clock.RESTARTED:
         # Every time stamp held so far belongs to the old time.
         out.events |= _CLOCK_REINITIALISED
+        if nav.initialised and nav.flag != failure_flag.RAISED:
+            nav.flag_age_s = (nav.t_gps_ns - nav.t_fix_gps_ns) * 1e-9
         nav.initialised = 0
         nav.t_seen_gps_ns = 0
         nav.t_evaluated_gps_ns = 0
         nav.candidate_count = 0
+        nav.da_samples[:] = 0
         nav.flag = failure_flag.RAISED
     elif outcome >= 0:
         nav.rejected[outcome] += 1
@@ -147,5 +150,6 @@ def step(
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
+        nav.da_bin = -1  # the passage of a bin of stored dA ends with the fixes
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
     publish(nav, table, model.eop, t_now, work, out)
