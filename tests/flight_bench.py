@@ -88,7 +88,7 @@ def _navigation_values(name: str, overrides: tuple[tuple[str, Any], ...]) -> np.
 
 
 def loaded_memory(name: str = "paper", **overrides: Any) -> Memory:
-    """A memory with one of SETTINGS and observed Earth orientation around T0; `tuning__0__q` stands for `tuning.0.q`."""
+    """A memory with one of SETTINGS and Earth orientation around T0; `tuning__0__q` stands for `tuning.0.q`."""
     memory = Memory()
     settings = tuple(sorted((key.replace("__", "."), value) for key, value in overrides.items()))
     memory.load(_navigation_values(name, settings), _orientation_values())
