@@ -70,6 +70,7 @@ def test_five_hundred_steps(name, row):
         assert (p == p.T).all()
 
 
+@pytest.mark.compiled
 def test_table_1_saturates_at_494_m():
     """REFERENCE S0, finding 2, tau = 1 s: it settles below 500 m by numpy and by flight alike, and stays there."""
     memory = loaded_memory("paper_table1")

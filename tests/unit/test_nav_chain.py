@@ -169,6 +169,7 @@ def test_two_covariances_run_in_an_outage_and_neither_overwrites_the_other():
     assert np.diag(nav.P)[:3].max() > 1.5 * np.diag(nav.P_bound)[:3].max()
 
 
+@pytest.mark.compiled
 def test_the_returning_fix_meets_the_filters_own_covariance():
     """REFERENCE S0, finding 9: with (17) a saturated sigma would close the gate against kilometres of error."""
     memory = loaded_memory("paper_table1", stored_da_use=0)
@@ -210,6 +211,7 @@ def test_a_bound_belongs_to_its_interval_and_is_the_larger_of_its_ends():
             assert bound_ahead == ends[age + 1][2]
 
 
+@pytest.mark.compiled
 def test_flag_and_state_do_not_depend_on_the_rate_of_calls():
     """1 Hz, 10 Hz, and calls at random: one flag age, and the same bits at the end."""
     rng = np.random.default_rng(12)
@@ -229,6 +231,7 @@ def test_flag_and_state_do_not_depend_on_the_rate_of_calls():
             np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.compiled
 def test_after_a_stall_the_work_of_a_step_is_bounded_and_nothing_is_lost():
     """GIVEN 1000 s without a step THEN 256 epochs a step, STALE and without a bound until caught up, then as if
     there had been no stall."""

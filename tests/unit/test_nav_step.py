@@ -114,6 +114,7 @@ def test_the_passage_of_a_bin_of_stored_da_ends_with_the_fixes():
     assert record(memory.nav).da_samples.max() == 70 - 9
 
 
+@pytest.mark.compiled
 def test_white_noise_is_averaged_to_what_the_covariance_says():
     """Integrated mode on a two-body truth, 1 m and 1 m/s: errors within five sigmas, 6 to 12 times below the fixes."""
     memory = loaded_memory("two_body")
