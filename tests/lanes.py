@@ -5,13 +5,17 @@
 
 A lane takes every test file that imports a compiled room, without its slow tests. No list is kept: a new file of
 kernel tests is in both lanes by what it imports. Load with `-p tests.lanes`.
+
+Plain Python is a thousand times slower than machine code. In the coverage lane a test is therefore broken off after
+PATIENCE calls of compiled entries and counted as skipped: the lines it has reached are covered, its verdict is for
+the other lanes to give.
 """
 
 from __future__ import annotations
 
 import ast
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -21,6 +25,8 @@ import pytest
 ROOMS = ("flightsw.kernels", "flightsw.nav", "flightsw.integrity", "flightsw.modes")
 FLAGS = {"bounds": "NUMBA_BOUNDSCHECK", "coverage": "NUMBA_DISABLE_JIT"}
 FOLDERS = ("unit", "property")
+PATIENCE = 100
+_calls_left: list[int] = []  # of the test that runs; empty between tests, and in lanes that have all the time
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -71,6 +77,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in dropped]
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Give each test of the coverage lane its number of calls."""
+    if item.config.getoption("--lane") == "coverage":
+        _calls_left[:] = [PATIENCE]
+    try:
+        return (yield)
+    finally:
+        _calls_left.clear()
+
+
+def _spend_a_call() -> None:
+    if _calls_left:
+        _calls_left[0] -= 1
+        if _calls_left[0] < 0:
+            pytest.skip(f"broken off after {PATIENCE} calls: enough for coverage, too slow as plain Python")
+
+
 def give_records_attributes() -> None:
     """Let kernels read `record.field` as plain Python too, where numpy offers that on record arrays only.
 
@@ -90,6 +114,7 @@ def give_records_attributes() -> None:
 
             @wraps(function)
             def call(*arguments: Any) -> Any:
+                _spend_a_call()
                 return plain(
                     *(a.view(np.recarray) if isinstance(a, np.ndarray) and a.dtype.names else a for a in arguments)
                 )
