@@ -212,6 +212,48 @@ def test_a_bound_belongs_to_its_interval_and_is_the_larger_of_its_ends():
 
 
 @pytest.mark.compiled
+def test_no_bound_above_the_limit_is_ever_published_with_a_clear_flag():
+    """Persist 1. Whatever the limit, and wherever between two epochs (17) takes over from the filter's own bound."""
+    for limit_m in np.geomspace(12.0, 60.0, 25):
+        memory = loaded_memory("paper", limit_m=float(limit_m), clear_limit_m=1.0, overdue_s=1.5)
+        finish(run(memory, steady_calls(40, truth)))
+        for out in run(memory, calls(ticks(39.1, 44.0))):
+            assert out.bound_m <= limit_m or out.flag == FlagState.RAISED
+
+
+def test_the_row_of_the_table_is_that_of_the_sigma_a_fix_claims():
+    """Rows up to 1.5 m and up to 40 m, the last also for worse ones; its floors are what the filter takes at least."""
+    for sigma_m, row in ((0.5, 0), (1.5, 0), (1.5001, 1), (40.0, 1), (500.0, 1)):
+        memory = loaded_memory("paper", init_fixes=1)
+        finish(run(memory, steady_calls(4, truth, sigma_r_m=sigma_m, sigma_v_mps=0.01)))
+        nav = record(memory.nav)
+        assert nav.row == row
+        floors = ((1.0, 1.0), (33.0, 5.0))[row]
+        expected = np.repeat([max(sigma_m, floors[0]) ** 2, floors[1] ** 2], 3)
+        np.testing.assert_allclose(np.diag(nav.P)[:6], expected, rtol=1e-12)
+        inputs = calls(seconds(4, 5))
+        put_fixes(inputs, 0, seconds(4, 5), truth, sigma_r_m=sigma_m, sigma_v_mps=0.01)
+        ahead = np.diag(nav.P_ahead)[:6].copy()
+        out = finish(run(memory, inputs))
+        np.testing.assert_allclose(out.innovation_sigma, np.sqrt(ahead + expected), rtol=1e-9)
+
+
+def test_a_part_of_a_step_carries_its_share_of_the_noise():
+    """Half a step after a start: P = Phi P0 Phi' + Q/2."""
+    memory = loaded_memory("paper", init_fixes=1)
+    finish(run(memory, steady_calls(4, truth)))
+    start = np.array(record(memory.nav).P)
+    inputs = calls(T0_GPS_NS + np.array([7 * NS // 2]))
+    put_fixes(inputs, 0, T0_GPS_NS + 7 * NS // 2, truth)
+    out = finish(run(memory, inputs))
+    r = truth(seconds(3, 4))[0][0]
+    size = np.linalg.norm(r)
+    phi = np.eye(9) + 0.5 * np.eye(9, k=3)
+    phi[3:6, 0:3] = 0.5 * MU_M3PS2 / size**5 * (3.0 * np.outer(r, r) - size**2 * np.eye(3))
+    ahead = phi @ start @ phi.T + 0.5 * np.diag(np.repeat(TABLE_1_INTEGRATED[:3], 3))
+    np.testing.assert_allclose(out.innovation_sigma, np.sqrt(np.diag(ahead)[:6] + 1.0), rtol=1e-10)
+
+
 def test_flag_and_state_do_not_depend_on_the_rate_of_calls():
     """1 Hz, 10 Hz, and calls at random: one flag age, and the same bits at the end."""
     rng = np.random.default_rng(12)

@@ -139,6 +139,46 @@ def test_nine_agreeing_rejected_fixes_and_a_true_one_change_nothing():
     assert_honest(rows)
 
 
+def test_an_accepted_fix_ends_the_row_of_rejected_ones():
+    """Five wrong, a true one, five wrong that agree with the first five: that is not ten in a row."""
+    memory = loaded_memory("two_body")
+    inputs = steady_calls(130, wrong_between(100, 111, WRONG["5 km"]))
+    put_fixes(inputs, 105, seconds(105, 106), truth)
+    rows = history(memory, inputs)
+    assert (rows[100:105, CAUSE] == RejectCause.GATE).all()
+    assert rows[105, CAUSE] == -1
+    assert (rows[106:111, CAUSE] == RejectCause.GATE).all()
+    assert not (rows[:, EVENTS].astype(int) & REINITIALISED).any()
+
+
+def test_a_rejected_fix_starts_the_count_for_clearing_anew():
+    """GIVEN a new start at 109 s WHEN one fix at 125 s is wrong THEN the flag clears 30 fixes after that one."""
+    memory = loaded_memory("two_body", clear_fixes=30)
+    inputs = steady_calls(170, wrong_between(100, 1e9, WRONG["5 km"]))
+    put_fixes(inputs, 125, seconds(125, 126), wrong_between(0, 1e9, WRONG["5 km across"]))
+    rows = history(memory, inputs)
+    assert rows[125, CAUSE] == RejectCause.GATE
+    assert (rows[109:155, FLAG] == FlagState.RAISED).all()
+    assert rows[155, FLAG] == FlagState.CLEAR
+
+
+def test_mean_nis_is_over_the_last_fixes_of_the_streak():
+    """A plain mean until clear_fixes, then each new fix weighs one in clear_fixes; a rejection starts it anew."""
+    memory = loaded_memory("two_body", clear_fixes=8)
+    inputs = steady_calls(60, wrong_between(30, 31, WRONG["5 km"]), noise=np.random.default_rng(9))
+    expected, count = 0.0, 0
+    for out in run(memory, inputs):
+        if out.fix_cause == RejectCause.GATE:
+            count = 0
+        elif out.fix_used and np.isfinite(out.nis):
+            count += 1
+            per_dof = out.nis / 6.0
+            expected = per_dof if count == 1 else expected + (per_dof - expected) / min(count, 8)
+            assert out.streak == count
+            assert out.mean_nis == pytest.approx(expected, rel=1e-12)
+    assert count == 29
+
+
 def test_rejected_fixes_that_disagree_never_start_anew():
     """Scattered by kilometres: AUTONOMOUS after 3 s, the state coasts on, true fixes are taken again."""
     rng = np.random.default_rng(77)
