@@ -57,13 +57,20 @@ sil: setup  ## fly the nominal scenario: two orbits, a GNSS outage, a verdict an
 	@$(PY) -m hil_sim run nominal --out runs/nominal
 
 .PHONY: test
-# Every lane runs even if one before it failed; the widest comes last, so that its summary is the last line.
-test: setup  ## all tests: kernels with bounds checks, kernels as plain Python with coverage, then everything
-	@status=0; \
-	for lane in test-bounds test-coverage test-default; do \
+# The lanes of the kernels run beside the whole suite, which takes longest; its output follows theirs, so that its summary
+# is the last line. Every lane runs even if another has failed.
+test: setup  ## all tests: kernels with bounds checks, kernels as plain Python with coverage, beside them everything
+	@mkdir -p $(OUT); \
+	$(MAKE) --no-print-directory test-default >$(OUT)/default.log 2>&1 & default=$$!; \
+	trap 'kill $$default 2>/dev/null' INT TERM; \
+	status=0; \
+	for lane in test-bounds test-coverage; do \
 	  $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
 	done; \
-	exit $$status
+	echo "== everything, as it flies"; \
+	tail -n +1 -f --pid=$$default $(OUT)/default.log & \
+	wait $$default || { wait; echo "test-default: FAILED"; status=1; }; \
+	wait; exit $$status
 
 .PHONY: test-default
 test-default: setup  ## the whole suite as it flies: kernels compiled
