@@ -123,6 +123,22 @@ INPUT = np.dtype(
         ("fix_sigma_v_mps", "f8", (3,)),
         ("fix_satellites", "i8"),
         ("fix_type", "i8"),
+        ("fix_has_velocity", "i8"),  # 0: the receiver gives positions only; the velocity fields mean nothing
+        ("burn_present", "i8"),  # an announced manoeuvre
+        ("burn_id", "i8"),
+        ("burn_frame", "i8"),  # BurnFrame
+        ("burn_start_gps_ns", "i8"),
+        ("burn_duration_ns", "i8"),
+        ("burn_dv_mps", "f8", (3,)),
+        ("burn_sigma_mps", "f8", (3,)),  # 1-sigma of each component of burn_dv_mps
+        ("attitude_present", "i8"),
+        ("attitude_gps_ns", "i8"),
+        ("attitude_q", "f8", (4,)),  # scalar first: v_body = q* v_gcrf q
+        ("attitude_sigma_rad", "f8"),
+        ("command_present", "i8"),
+        ("command_id", "i8"),  # NavCommand
+        ("command_target", "i8"),  # MeasurementType
+        ("command_value", "i8"),  # EditMode
     ],
     align=True,
 )

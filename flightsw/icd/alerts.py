@@ -41,6 +41,12 @@ class AlertId(IntEnum):
     BUS_OFF = 13
     EARTH_ORIENTATION_EXPIRED = 14
     DIVERGED = 15
+    SLOW_FAULT = 16
+    MANOEUVRE_DETECTED = 17
+    BURN_REFUSED = 18
+    FORCES_EXPIRED = 19
+    EDITING_OVERRIDDEN = 20
+    BURN_ACTIVE = 21
 
 
 class Alert(NamedTuple):
@@ -69,5 +75,11 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.BUS_OFF, Severity.ERROR, "CAN bus lost: reconnecting"),
         Alert(AlertId.EARTH_ORIENTATION_EXPIRED, Severity.ALERT, "Earth orientation table does not cover now"),
         Alert(AlertId.DIVERGED, Severity.ALERT, "Consistent fixes rejected: state unreliable"),
+        Alert(AlertId.SLOW_FAULT, Severity.ALERT, "Slow GNSS fault found: measurements excluded"),
+        Alert(AlertId.MANOEUVRE_DETECTED, Severity.ALERT, "Unannounced velocity change found"),
+        Alert(AlertId.BURN_REFUSED, Severity.ALERT, "Announced burn refused: late or not valid"),
+        Alert(AlertId.FORCES_EXPIRED, Severity.WARNING, "Force table is past its validity"),
+        Alert(AlertId.EDITING_OVERRIDDEN, Severity.NOTICE, "Measurement editing overridden"),
+        Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

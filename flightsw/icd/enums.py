@@ -73,6 +73,7 @@ class FixType(IntEnum):
     NONE = 0
     FIX_2D = 2
     FIX_3D = 3
+    POSITION_3D = 4  # no velocity frame belongs to it
 
 
 class SyncStatus(IntEnum):
@@ -82,8 +83,38 @@ class SyncStatus(IntEnum):
     VALID = 1
 
 
+class BurnFrame(IntEnum):
+    """Axes of an announced velocity change (DBC signal `frame` of BURN)."""
+
+    GCRF = 0
+    RTN = 1  # radial, along-track, cross-track at each instant of the burn
+
+
+class NavCommand(IntEnum):
+    """What navigation is told to do (DBC signal `command` of NAV_COMMAND)."""
+
+    EDIT = 1  # how measurements of one type are edited from now on
+    RESET_FILTER = 2  # forget the state and start from the next good fixes
+
+
+class MeasurementType(IntEnum):
+    """Kind of measurement that the filter takes and edits on its own (DBC signal `target` of NAV_COMMAND)."""
+
+    POSITION = 0
+    VELOCITY = 1
+
+
+class EditMode(IntEnum):
+    """How measurements of a type are edited (DBC signal `value` of NAV_COMMAND)."""
+
+    AUTO = 0  # the gate decides
+    ACCEPT = 1  # used whatever the gate says
+    REJECT = 2  # tested and recorded, never used
+    INHIBIT = 3  # not even tested
+
+
 class RejectCause(IntEnum):
-    """Why a frame, a pulse or a fix did not change the state; index into the 24 counters of telemetry."""
+    """Why a frame, a pulse or a fix did not change the state; index into the 32 counters of telemetry."""
 
     BAD_LENGTH = 0
     BAD_CRC = 1
@@ -108,7 +139,13 @@ class RejectCause(IntEnum):
     EARTH_ORIENTATION = 20
     SINGULAR = 21
     BUS_ERROR = 22
-    SPARE = 23
+    OPERATOR = 23  # by the operator's editing
+    SLOW_FAULT = 24  # while the monitor of slow faults excludes this type
+    BURN_LATE = 25  # announced so late that it cannot be caught up
+    BURN_INVALID = 26
+    ATTITUDE_INVALID = 27
+    COMMAND_INVALID = 28
+    STARTING = 29  # good, but aiding starts only after several good fixes in a row
 
 
-REJECT_CAUSES = 24  # length of the counter array on the link; causes beyond it need a new message
+REJECT_CAUSES = 32  # length of the counter array on the link; causes beyond it need a new message
