@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.icd.frame_layout import FrameLayout as FrameLayout
 
-ICD_VERSION = "1.0"
+ICD_VERSION = "1.1"
 
 TIME_SYNC = FrameLayout(
     name="TIME_SYNC",
@@ -193,6 +193,181 @@ GNSS_VELOCITY = FrameLayout(
     ),
     counter_offset=61,
     crc_offset=62,
+)
+
+BURN = FrameLayout(
+    name="BURN",
+    frame_id=0x120,
+    length=64,
+    data_id=0x9D4B,
+    data_id_bytes=bytes((0x4B, 0x9D)),
+    sender="PROPULSION",
+    struct_format="<qqdddfffBB7xBH",
+    field_names=(
+        "t_start_gps_ns",
+        "duration_ns",
+        "dv_x_mps",
+        "dv_y_mps",
+        "dv_z_mps",
+        "sigma_x_mps",
+        "sigma_y_mps",
+        "sigma_z_mps",
+        "frame",
+        "burn_id",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_start_gps_ns",
+                "duration_ns",
+                "dv_x_mps",
+                "dv_y_mps",
+                "dv_z_mps",
+                "sigma_x_mps",
+                "sigma_y_mps",
+                "sigma_z_mps",
+                "frame",
+                "burn_id",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_start_gps_ns [ns]
+                8,  # duration_ns [ns]
+                16,  # dv_x_mps [m/s]
+                24,  # dv_y_mps [m/s]
+                32,  # dv_z_mps [m/s]
+                40,  # sigma_x_mps [m/s]
+                44,  # sigma_y_mps [m/s]
+                48,  # sigma_z_mps [m/s]
+                52,  # frame [-]
+                53,  # burn_id [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+ATTITUDE = FrameLayout(
+    name="ATTITUDE",
+    frame_id=0x130,
+    length=32,
+    data_id=0xA6C7,
+    data_id_bytes=bytes((0xC7, 0xA6)),
+    sender="AOCS",
+    struct_format="<qfffff1xBH",
+    field_names=(
+        "t_gps_ns",
+        "q_w",
+        "q_x",
+        "q_y",
+        "q_z",
+        "sigma_rad",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "q_w",
+                "q_x",
+                "q_y",
+                "q_z",
+                "sigma_rad",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # q_w [-]
+                12,  # q_x [-]
+                16,  # q_y [-]
+                20,  # q_z [-]
+                24,  # sigma_rad [rad]
+                29,  # counter [-]
+                30,  # crc [-]
+            ],
+            "itemsize": 32,
+        }
+    ),
+    counter_offset=29,
+    crc_offset=30,
+)
+
+NAV_COMMAND = FrameLayout(
+    name="NAV_COMMAND",
+    frame_id=0x140,
+    length=8,
+    data_id=0xB8E1,
+    data_id_bytes=bytes((0xE1, 0xB8)),
+    sender="COMMANDER",
+    struct_format="<BBB2xBH",
+    field_names=(
+        "command",
+        "target",
+        "value",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "command",
+                "target",
+                "value",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # command [-]
+                1,  # target [-]
+                2,  # value [-]
+                5,  # counter [-]
+                6,  # crc [-]
+            ],
+            "itemsize": 8,
+        }
+    ),
+    counter_offset=5,
+    crc_offset=6,
 )
 
 NAV_STATE = FrameLayout(
@@ -426,6 +601,9 @@ LAYOUTS: dict[int, FrameLayout] = {
     TIME_SYNC.frame_id: TIME_SYNC,
     GNSS_POSITION.frame_id: GNSS_POSITION,
     GNSS_VELOCITY.frame_id: GNSS_VELOCITY,
+    BURN.frame_id: BURN,
+    ATTITUDE.frame_id: ATTITUDE,
+    NAV_COMMAND.frame_id: NAV_COMMAND,
     NAV_STATE.frame_id: NAV_STATE,
     INTEGRITY.frame_id: INTEGRITY,
     FLIGHT_HEARTBEAT.frame_id: FLIGHT_HEARTBEAT,

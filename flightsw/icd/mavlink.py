@@ -1127,10 +1127,22 @@ LEONAV_REJECT_CAUSE_SINGULAR = 21
 enums["LEONAV_REJECT_CAUSE"][21] = EnumEntry("LEONAV_REJECT_CAUSE_SINGULAR", """""")
 LEONAV_REJECT_CAUSE_BUS_ERROR = 22
 enums["LEONAV_REJECT_CAUSE"][22] = EnumEntry("LEONAV_REJECT_CAUSE_BUS_ERROR", """""")
-LEONAV_REJECT_CAUSE_SPARE = 23
-enums["LEONAV_REJECT_CAUSE"][23] = EnumEntry("LEONAV_REJECT_CAUSE_SPARE", """""")
-LEONAV_REJECT_CAUSE_ENUM_END = 24
-enums["LEONAV_REJECT_CAUSE"][24] = EnumEntry("LEONAV_REJECT_CAUSE_ENUM_END", """""")
+LEONAV_REJECT_CAUSE_OPERATOR = 23
+enums["LEONAV_REJECT_CAUSE"][23] = EnumEntry("LEONAV_REJECT_CAUSE_OPERATOR", """""")
+LEONAV_REJECT_CAUSE_SLOW_FAULT = 24
+enums["LEONAV_REJECT_CAUSE"][24] = EnumEntry("LEONAV_REJECT_CAUSE_SLOW_FAULT", """""")
+LEONAV_REJECT_CAUSE_BURN_LATE = 25
+enums["LEONAV_REJECT_CAUSE"][25] = EnumEntry("LEONAV_REJECT_CAUSE_BURN_LATE", """""")
+LEONAV_REJECT_CAUSE_BURN_INVALID = 26
+enums["LEONAV_REJECT_CAUSE"][26] = EnumEntry("LEONAV_REJECT_CAUSE_BURN_INVALID", """""")
+LEONAV_REJECT_CAUSE_ATTITUDE_INVALID = 27
+enums["LEONAV_REJECT_CAUSE"][27] = EnumEntry("LEONAV_REJECT_CAUSE_ATTITUDE_INVALID", """""")
+LEONAV_REJECT_CAUSE_COMMAND_INVALID = 28
+enums["LEONAV_REJECT_CAUSE"][28] = EnumEntry("LEONAV_REJECT_CAUSE_COMMAND_INVALID", """""")
+LEONAV_REJECT_CAUSE_STARTING = 29
+enums["LEONAV_REJECT_CAUSE"][29] = EnumEntry("LEONAV_REJECT_CAUSE_STARTING", """""")
+LEONAV_REJECT_CAUSE_ENUM_END = 30
+enums["LEONAV_REJECT_CAUSE"][30] = EnumEntry("LEONAV_REJECT_CAUSE_ENUM_END", """""")
 
 # LEONAV_ALERT_ID
 enums["LEONAV_ALERT_ID"] = Enum()
@@ -1165,8 +1177,20 @@ LEONAV_ALERT_ID_EARTH_ORIENTATION_EXPIRED = 14
 enums["LEONAV_ALERT_ID"][14] = EnumEntry("LEONAV_ALERT_ID_EARTH_ORIENTATION_EXPIRED", """Earth orientation table does not cover now""")
 LEONAV_ALERT_ID_DIVERGED = 15
 enums["LEONAV_ALERT_ID"][15] = EnumEntry("LEONAV_ALERT_ID_DIVERGED", """Consistent fixes rejected: state unreliable""")
-LEONAV_ALERT_ID_ENUM_END = 16
-enums["LEONAV_ALERT_ID"][16] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_SLOW_FAULT = 16
+enums["LEONAV_ALERT_ID"][16] = EnumEntry("LEONAV_ALERT_ID_SLOW_FAULT", """Slow GNSS fault found: measurements excluded""")
+LEONAV_ALERT_ID_MANOEUVRE_DETECTED = 17
+enums["LEONAV_ALERT_ID"][17] = EnumEntry("LEONAV_ALERT_ID_MANOEUVRE_DETECTED", """Unannounced velocity change found""")
+LEONAV_ALERT_ID_BURN_REFUSED = 18
+enums["LEONAV_ALERT_ID"][18] = EnumEntry("LEONAV_ALERT_ID_BURN_REFUSED", """Announced burn refused: late or not valid""")
+LEONAV_ALERT_ID_FORCES_EXPIRED = 19
+enums["LEONAV_ALERT_ID"][19] = EnumEntry("LEONAV_ALERT_ID_FORCES_EXPIRED", """Force table is past its validity""")
+LEONAV_ALERT_ID_EDITING_OVERRIDDEN = 20
+enums["LEONAV_ALERT_ID"][20] = EnumEntry("LEONAV_ALERT_ID_EDITING_OVERRIDDEN", """Measurement editing overridden""")
+LEONAV_ALERT_ID_BURN_ACTIVE = 21
+enums["LEONAV_ALERT_ID"][21] = EnumEntry("LEONAV_ALERT_ID_BURN_ACTIVE", """Announced burn in progress""")
+LEONAV_ALERT_ID_ENUM_END = 22
+enums["LEONAV_ALERT_ID"][22] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
@@ -1183,6 +1207,7 @@ MAVLINK_MSG_ID_LEONAV_INNOVATION = 61402
 MAVLINK_MSG_ID_LEONAV_COUNTERS = 61403
 MAVLINK_MSG_ID_LEONAV_TABLE_STATUS = 61404
 MAVLINK_MSG_ID_LEONAV_ALERT = 61405
+MAVLINK_MSG_ID_LEONAV_COVARIANCE = 61406
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -1653,10 +1678,10 @@ class MAVLink_leonav_counters_message(MAVLink_message):
     fieldunits_by_name: Dict[str, str] = {}
     native_format = bytearray(b"<QIIIII")
     orders = [0, 1, 2, 3, 4, 5]
-    lengths = [1, 1, 1, 1, 1, 24]
-    array_lengths = [0, 0, 0, 0, 0, 24]
-    crc_extra = 237
-    unpacker = struct.Struct("<QIIII24I")
+    lengths = [1, 1, 1, 1, 1, 32]
+    array_lengths = [0, 0, 0, 0, 0, 32]
+    crc_extra = 155
+    unpacker = struct.Struct("<QIIII32I")
     instance_field = None
     instance_offset = -1
 
@@ -1673,7 +1698,7 @@ class MAVLink_leonav_counters_message(MAVLink_message):
         self.rejected = rejected
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.tick, self.received, self.accepted, self.slips, self.journal_dropped, self.rejected[0], self.rejected[1], self.rejected[2], self.rejected[3], self.rejected[4], self.rejected[5], self.rejected[6], self.rejected[7], self.rejected[8], self.rejected[9], self.rejected[10], self.rejected[11], self.rejected[12], self.rejected[13], self.rejected[14], self.rejected[15], self.rejected[16], self.rejected[17], self.rejected[18], self.rejected[19], self.rejected[20], self.rejected[21], self.rejected[22], self.rejected[23]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.tick, self.received, self.accepted, self.slips, self.journal_dropped, self.rejected[0], self.rejected[1], self.rejected[2], self.rejected[3], self.rejected[4], self.rejected[5], self.rejected[6], self.rejected[7], self.rejected[8], self.rejected[9], self.rejected[10], self.rejected[11], self.rejected[12], self.rejected[13], self.rejected[14], self.rejected[15], self.rejected[16], self.rejected[17], self.rejected[18], self.rejected[19], self.rejected[20], self.rejected[21], self.rejected[22], self.rejected[23], self.rejected[24], self.rejected[25], self.rejected[26], self.rejected[27], self.rejected[28], self.rejected[29], self.rejected[30], self.rejected[31]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1767,6 +1792,47 @@ class MAVLink_leonav_alert_message(MAVLink_message):
 setattr(MAVLink_leonav_alert_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_covariance_message(MAVLink_message):
+    """
+    Covariance of the filter's position and velocity, for conjunction
+    assessment on the ground.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_COVARIANCE
+    msgname = "LEONAV_COVARIANCE"
+    fieldnames = ["t_gps_ns", "covariance", "sigma_time_s"]
+    ordered_fieldnames = ["t_gps_ns", "covariance", "sigma_time_s"]
+    fieldtypes = ["int64_t", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "sigma_time_s": "s"}
+    native_format = bytearray(b"<qff")
+    orders = [0, 1, 2]
+    lengths = [1, 21, 1]
+    array_lengths = [0, 21, 0]
+    crc_extra = 15
+    unpacker = struct.Struct("<q21ff")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, covariance: Sequence[float], sigma_time_s: float):
+        MAVLink_message.__init__(self, MAVLink_leonav_covariance_message.id, MAVLink_leonav_covariance_message.msgname)
+        self._fieldnames = MAVLink_leonav_covariance_message.fieldnames
+        self._instance_field = MAVLink_leonav_covariance_message.instance_field
+        self._instance_offset = MAVLink_leonav_covariance_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.covariance = covariance
+        self.sigma_time_s = sigma_time_s
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.covariance[0], self.covariance[1], self.covariance[2], self.covariance[3], self.covariance[4], self.covariance[5], self.covariance[6], self.covariance[7], self.covariance[8], self.covariance[9], self.covariance[10], self.covariance[11], self.covariance[12], self.covariance[13], self.covariance[14], self.covariance[15], self.covariance[16], self.covariance[17], self.covariance[18], self.covariance[19], self.covariance[20], self.sigma_time_s), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_covariance_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -1780,6 +1846,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_COUNTERS: MAVLink_leonav_counters_message,
     MAVLINK_MSG_ID_LEONAV_TABLE_STATUS: MAVLink_leonav_table_status_message,
     MAVLINK_MSG_ID_LEONAV_ALERT: MAVLink_leonav_alert_message,
+    MAVLINK_MSG_ID_LEONAV_COVARIANCE: MAVLink_leonav_covariance_message,
 }
 
 
@@ -2645,3 +2712,27 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_alert_encode(t_gps_ns, sequence, value, alert_id, severity, active), force_mavlink1=force_mavlink1)
+
+    def leonav_covariance_encode(self, t_gps_ns: int, covariance: Sequence[float], sigma_time_s: float) -> MAVLink_leonav_covariance_message:
+        """
+        Covariance of the filter's position and velocity, for conjunction
+        assessment on the ground.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        covariance                : Upper triangle, row by row, of the covariance of (r, v) in GCRF [m2, m2/s, m2/s2]. (type:float)
+        sigma_time_s              : 1-sigma of the onboard time that stamps the state. [s] (type:float)
+
+        """
+        return MAVLink_leonav_covariance_message(t_gps_ns, covariance, sigma_time_s)
+
+    def leonav_covariance_send(self, t_gps_ns: int, covariance: Sequence[float], sigma_time_s: float, force_mavlink1: bool = False) -> None:
+        """
+        Covariance of the filter's position and velocity, for conjunction
+        assessment on the ground.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        covariance                : Upper triangle, row by row, of the covariance of (r, v) in GCRF [m2, m2/s, m2/s2]. (type:float)
+        sigma_time_s              : 1-sigma of the onboard time that stamps the state. [s] (type:float)
+
+        """
+        self.send(self.leonav_covariance_encode(t_gps_ns, covariance, sigma_time_s), force_mavlink1=force_mavlink1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from flightsw.icd import mavlink as m
 from flightsw.icd.alerts import ALERTS
-from flightsw.icd.enums import FlagState, Mode, RejectCause
+from flightsw.icd.enums import FlagState, Mode
 from flightsw.kernels.geodetic import geodetic
 from flightsw.link.mavlink_out import MavlinkOut
 from flightsw.records_io import RecordReader
@@ -181,7 +181,7 @@ class Telemetry:
             _u32(accepted),
             _u32(slips),
             _u32(journal_dropped),
-            [_u32(rejected[int(cause)]) for cause in RejectCause],
+            [_u32(count) for count in rejected],
         )
 
     def table_status(self, kind: int) -> None:

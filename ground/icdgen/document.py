@@ -39,8 +39,11 @@ CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, no reflection, no final XOR) o
 followed by the frame's data id, low byte first. The data id is not transmitted (AUTOSAR E2E Profile 5), so a
 frame under a wrong identifier fails. This guards against accident, not against an attacker on the bus.
 
-A fix is GNSS_POSITION and GNSS_VELOCITY with equal `counter` and equal `t_gps_ns`. FLIGHT_HEARTBEAT is sent
-last in every tick.
+A fix is GNSS_POSITION and GNSS_VELOCITY with equal `counter` and equal `t_gps_ns`, or a GNSS_POSITION of
+`fix_type` POSITION_3D alone. FLIGHT_HEARTBEAT is sent last in every tick.
+
+The body frame of ATTITUDE is that of the satellite: pointing to nadir, x lies on the side of the flight direction,
+y along the negative orbit normal, z along the nadir.
 """
 
 _TABLE_FILE = """\
@@ -86,7 +89,14 @@ def _overview(bus: Bus) -> str:
     return _table(
         ("id", "frame", "bytes", "sender", "nominal period", "data id"),
         (
-            (f"0x{f.frame_id:03X}", f.name, f.length, f.sender, f"{f.cycle_ms} ms", f"0x{f.data_id:04X}")
+            (
+                f"0x{f.frame_id:03X}",
+                f.name,
+                f.length,
+                f.sender,
+                f"{f.cycle_ms} ms" if f.cycle_ms else "on event",
+                f"0x{f.data_id:04X}",
+            )
             for f in bus.frames
         ),
     )

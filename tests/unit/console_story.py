@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from flightsw.icd import mavlink
-from flightsw.icd.enums import Certificate, DaSource, FlagState, Mode, RejectCause, Validity, Verdict
+from flightsw.icd.enums import REJECT_CAUSES, Certificate, DaSource, FlagState, Mode, RejectCause, Validity, Verdict
 
 START_UNIX_S = 1_230_768_000
 START_GPS_NS = 914_803_215 * 10**9
@@ -105,12 +105,10 @@ def second(t_s: int) -> Iterator[Any]:
         FlagState.RAISED if raised else FlagState.CLEAR,
     )
     if age_s == 0:
-        yield mavlink.MAVLink_leonav_innovation_message(
-            t_gps_ns, [0.3] * 6, [1.0] * 6, 5.1, 22.46, 5.9, 1, RejectCause.SPARE
-        )
+        yield mavlink.MAVLink_leonav_innovation_message(t_gps_ns, [0.3] * 6, [1.0] * 6, 5.1, 22.46, 5.9, 1, 0xFF)
         yield mavlink.MAVLink_gps_raw_int_message(t_s * 10**6, 3, 0, 0, 0, 120, 150, 65535, 65535, 11)
     if t_s % 5 == 0:
-        rejected = [0] * 24
+        rejected = [0] * REJECT_CAUSES
         rejected[RejectCause.BAD_CRC], rejected[RejectCause.GATE] = t_s // 100, t_s // 400
         yield mavlink.MAVLink_leonav_counters_message(t_s * 10, t_s * 3, max(0, t_s * 3 - 7), 0, 0, rejected)
         yield mavlink.MAVLink_leonav_table_status_message(0x1234ABCD, 99, b"paper_1m", 1, 0)
