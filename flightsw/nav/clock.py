@@ -7,6 +7,8 @@ drifted since the last accepted pulse: a step of GPS time is a fault of the rece
 
 from __future__ import annotations
 
+import math
+
 from flightsw.icd.enums import RejectCause, SyncStatus
 from flightsw.kernels.registry import kernel
 
@@ -32,6 +34,33 @@ def tolerance_ns(nav, table, counter_ns):
     """How far a time stamp may disagree with the clock at this reading of the counter [ns]."""
     age_ns = abs(counter_ns - nav.clock_counter_ns)
     return 1e9 * table.latch_tolerance_s + table.drift_max_sps * age_ns
+
+
+@kernel
+def _grown(nav, table, elapsed_s):
+    """Covariance of (phase [s], drift [s/s]) so long after the last pulse: p00, p01, p11.
+
+    White noise of the frequency and a random walk of the drift, both from the table; exact for any length (two-state
+    clock of Zucca and Tavella, IEEE Trans. UFFC 52, 2005).
+    """
+    p = nav.clock_p
+    q = table.clock_q_drift_ps
+    p00 = p[0, 0] + elapsed_s * (2.0 * p[0, 1] + table.clock_q_phase_s2ps + elapsed_s * (p[1, 1] + q * elapsed_s / 3.0))
+    p01 = p[0, 1] + elapsed_s * (p[1, 1] + q * elapsed_s / 2.0)
+    p11 = p[1, 1] + q * elapsed_s
+    return p00, p01, p11
+
+
+@kernel
+def phase_variance_s2(nav, table, t_gps_ns):
+    """Variance [s2] of onboard GPS time at a time since the last pulse; infinite while there is no onboard time.
+
+    At a time before the last pulse it is that of the pulse.
+    """
+    if not nav.clock_valid:
+        return math.inf
+    p00, _, _ = _grown(nav, table, max(t_gps_ns - nav.clock_gps_ns, 0) * 1e-9)
+    return p00
 
 
 @kernel
@@ -111,17 +140,7 @@ def take_pulse(nav, table, status, gps_ns, counter_ns, sigma_ns, counter_now_ns)
         return _SYNC_JUMP
     nav.pulse_chain = 0
 
-    dt = elapsed_ns * 1e-9
-    p = nav.clock_p
-    p00 = (
-        p[0, 0]
-        + 2.0 * dt * p[0, 1]
-        + dt * dt * p[1, 1]
-        + table.clock_q_phase_s2ps * dt
-        + table.clock_q_drift_ps * dt**3 / 3.0
-    )
-    p01 = p[0, 1] + dt * p[1, 1] + table.clock_q_drift_ps * dt * dt / 2.0
-    p11 = p[1, 1] + table.clock_q_drift_ps * dt
+    p00, p01, p11 = _grown(nav, table, elapsed_ns * 1e-9)
     s = p00 + sigma_s * sigma_s
     gain_phase = p00 / s
     gain_drift = p01 / s
@@ -131,6 +150,7 @@ def take_pulse(nav, table, status, gps_ns, counter_ns, sigma_ns, counter_now_ns)
     nav.clock_phase_ns = phase_ns - whole_ns
     nav.clock_counter_ns = counter_ns
     nav.clock_drift += gain_drift * error_ns * 1e-9
+    p = nav.clock_p
     p[0, 0] = (1.0 - gain_phase) * p00
     p[0, 1] = (1.0 - gain_phase) * p01
     p[1, 0] = p[0, 1]
