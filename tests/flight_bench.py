@@ -235,6 +235,7 @@ def put_fixes(
     inputs["fix_sigma_v_mps"][where] = sigma_v_mps
     inputs["fix_satellites"][where] = 9
     inputs["fix_type"][where] = int(FixType.FIX_3D)
+    inputs["fix_has_velocity"][where] = 1
 
 
 def seconds(first: int, stop: int) -> np.ndarray:

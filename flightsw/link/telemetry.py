@@ -8,7 +8,7 @@ import numpy as np
 
 from flightsw.icd import mavlink as m
 from flightsw.icd.alerts import ALERTS
-from flightsw.icd.enums import FlagState, Mode
+from flightsw.icd.enums import FixType, FlagState, Mode
 from flightsw.kernels.geodetic import geodetic
 from flightsw.link.mavlink_out import MavlinkOut
 from flightsw.records_io import RecordReader
@@ -22,6 +22,11 @@ _SYSTEM_STATUS = {
     int(Mode.FAILED): m.MAV_STATE_CRITICAL,
 }
 _GPS = m.MAV_SYS_STATUS_SENSOR_GPS
+_FIX_TYPES = {
+    int(FixType.FIX_2D): m.GPS_FIX_TYPE_2D_FIX,
+    int(FixType.FIX_3D): m.GPS_FIX_TYPE_3D_FIX,
+    int(FixType.POSITION_3D): m.GPS_FIX_TYPE_3D_FIX,
+}
 # An alert's text as STATUSTEXT carries it, made once: nothing is rendered in the tick.
 _TEXTS = {int(alert.id): (int(alert.severity), alert.text.encode("ascii")) for alert in ALERTS.values()}
 
@@ -130,7 +135,7 @@ class Telemetry:
         sigma_v_mps = float(inputs["fix_sigma_v_mps"][0].max())
         mav.gps_raw_int_send(
             unix_ns // 1000,
-            int(inputs["fix_type"][0]) & 0xFF,
+            _FIX_TYPES.get(int(inputs["fix_type"][0]), m.GPS_FIX_TYPE_NO_FIX),
             int(math.degrees(latitude) * 1e7) if usable else 0,
             int(math.degrees(longitude) * 1e7) if usable else 0,
             int(height_m * 1e3) if usable else 0,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from flightsw.can_port import CanPort
 from flightsw.icd import can_codec
-from flightsw.icd.can_frames import GNSS_POSITION, GNSS_VELOCITY, TIME_SYNC
+from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
 from flightsw.icd.enums import RejectCause
 from flightsw.icd.frame_layout import FrameLayout
 from flightsw.journal import ERROR, EXTENDED, REMOTE, Journal
@@ -50,6 +50,9 @@ class CanReceiver:
                 (TIME_SYNC, assembly.take_pulse),
                 (GNSS_POSITION, assembly.take_position),
                 (GNSS_VELOCITY, assembly.take_velocity),
+                (BURN, assembly.take_burn),
+                (ATTITUDE, assembly.take_attitude),
+                (NAV_COMMAND, assembly.take_command),
             )
         }
 

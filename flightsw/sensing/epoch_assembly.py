@@ -1,6 +1,7 @@
-"""Frames into epochs: a pulse is one frame, a fix is a position and a velocity of the same counter and time.
+"""Frames into epochs: a fix is a position and a velocity of the same counter and time, or a position whose receiver
+gives no velocity; a pulse, an announced burn, an attitude, a command is one frame each.
 
-Only complete epochs go on. Anything else changes a counter and nothing more.
+Only complete epochs go on. Anything else changes a counter and nothing more. What an epoch says is not judged here.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ import struct
 
 import numpy as np
 
-from flightsw.icd.can_frames import GNSS_POSITION, GNSS_VELOCITY, TIME_SYNC
-from flightsw.icd.enums import RejectCause
+from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
+from flightsw.icd.enums import FixType, RejectCause
 from flightsw.records import INPUT
 
 EPOCHS = 16  # complete epochs that one tick can hold
@@ -18,6 +19,12 @@ EPOCHS = 16  # complete epochs that one tick can hold
 _TIME_SYNC = struct.Struct(TIME_SYNC.struct_format)
 _POSITION = struct.Struct(GNSS_POSITION.struct_format)
 _VELOCITY = struct.Struct(GNSS_VELOCITY.struct_format)
+_BURN = struct.Struct(BURN.struct_format)
+_ATTITUDE = struct.Struct(ATTITUDE.struct_format)
+_NAV_COMMAND = struct.Struct(NAV_COMMAND.struct_format)
+_PRESENT = ("pulse_present", "fix_present", "burn_present", "attitude_present", "command_present")
+_FIX_TYPE = GNSS_POSITION.field_names.index("fix_type")
+_POSITION_3D = int(FixType.POSITION_3D)
 _INCOMPLETE = int(RejectCause.INCOMPLETE_EPOCH)
 _OVERFLOW = int(RejectCause.RECEIVE_OVERFLOW)
 
@@ -28,22 +35,22 @@ class EpochAssembly:
     `calls` holds one view for each input; the first `count`, but at least one, are to be stepped through.
     """
 
-    __slots__ = ("_fields", "_position", "_velocity", "calls", "count", "inputs", "rejected")
+    __slots__ = ("_fields", "_position", "_present", "_velocity", "calls", "count", "inputs", "rejected")
 
     def __init__(self, rejected: list[int]) -> None:
         self.rejected = rejected
         self.inputs = np.zeros(EPOCHS, INPUT)
         self.calls = [self.inputs[index : index + 1] for index in range(EPOCHS)]
         self._fields = {name: self.inputs[name] for name in INPUT.names or ()}
+        self._present = [self.inputs[name] for name in _PRESENT]
         self.count = 0
         self._position: tuple[float, ...] | None = None
         self._velocity: tuple[float, ...] | None = None
 
     def begin(self, counter_now_ns: int) -> None:
         """Forget the epochs of the last tick; frames that wait for their other half stay."""
-        for index in range(max(self.count, 1)):
-            self._fields["pulse_present"][index] = 0
-            self._fields["fix_present"][index] = 0
+        for present in self._present:
+            present[: max(self.count, 1)] = 0
         self._fields["counter_now_ns"][:] = counter_now_ns
         self.count = 0
 
@@ -71,7 +78,12 @@ class EpochAssembly:
         """One GNSS_POSITION frame, checked by the codec."""
         if self._position is not None:
             self.rejected[_INCOMPLETE] += 1
-        self._position = _POSITION.unpack(frame)
+        position = _POSITION.unpack(frame)
+        if position[_FIX_TYPE] == _POSITION_3D:  # the receiver gives no velocity: nothing to wait for
+            self._position = None
+            self._put_fix(position, None)
+            return
+        self._position = position
         self._join()
 
     def take_velocity(self, frame: bytearray) -> None:
@@ -89,6 +101,9 @@ class EpochAssembly:
         if position[-2] != velocity[-2] or position[0] != velocity[0]:
             return
         self._position = self._velocity = None
+        self._put_fix(position, velocity)
+
+    def _put_fix(self, position: tuple[float, ...], velocity: tuple[float, ...] | None) -> None:
         index = self._claim()
         if index < 0:
             return
@@ -100,5 +115,50 @@ class EpochAssembly:
         fields["fix_sigma_r_m"][index] = position[5:8]
         fields["fix_satellites"][index] = position[8]
         fields["fix_type"][index] = position[9]
-        fields["fix_v_itrf_mps"][index] = velocity[1:4]
-        fields["fix_sigma_v_mps"][index] = velocity[4:7]
+        if velocity is None:
+            fields["fix_has_velocity"][index] = 0
+            fields["fix_v_itrf_mps"][index] = np.nan
+            fields["fix_sigma_v_mps"][index] = np.nan
+        else:
+            fields["fix_has_velocity"][index] = 1
+            fields["fix_v_itrf_mps"][index] = velocity[1:4]
+            fields["fix_sigma_v_mps"][index] = velocity[4:7]
+
+    def take_burn(self, frame: bytearray) -> None:
+        """One BURN frame, checked by the codec."""
+        index = self._claim()
+        if index < 0:
+            return
+        burn = _BURN.unpack(frame)
+        fields = self._fields
+        fields["burn_present"][index] = 1
+        fields["burn_start_gps_ns"][index] = burn[0]
+        fields["burn_duration_ns"][index] = burn[1]
+        fields["burn_dv_mps"][index] = burn[2:5]
+        fields["burn_sigma_mps"][index] = burn[5:8]
+        fields["burn_frame"][index] = burn[8]
+        fields["burn_id"][index] = burn[9]
+
+    def take_attitude(self, frame: bytearray) -> None:
+        """One ATTITUDE frame, checked by the codec."""
+        index = self._claim()
+        if index < 0:
+            return
+        attitude = _ATTITUDE.unpack(frame)
+        fields = self._fields
+        fields["attitude_present"][index] = 1
+        fields["attitude_gps_ns"][index] = attitude[0]
+        fields["attitude_q"][index] = attitude[1:5]
+        fields["attitude_sigma_rad"][index] = attitude[5]
+
+    def take_command(self, frame: bytearray) -> None:
+        """One NAV_COMMAND frame, checked by the codec."""
+        index = self._claim()
+        if index < 0:
+            return
+        command = _NAV_COMMAND.unpack(frame)
+        fields = self._fields
+        fields["command_present"][index] = 1
+        fields["command_id"][index] = command[0]
+        fields["command_target"][index] = command[1]
+        fields["command_value"][index] = command[2]

@@ -92,7 +92,8 @@ MAY_CHANGE = {"rejected", "t_seen_gps_ns", "streak"} | CHAIN | CANDIDATE
 def test_pure_garbage(gps, counter, sigma, status, fix_gps, fix_counter, r, v, sigma_r, sigma_v, satellites, fix_type):
     inputs = calls(np.array([T0_GPS_NS + 40 * NS]))
     values = (1, status, gps, counter, sigma, 1, fix_gps, fix_counter, r, v, sigma_r, sigma_v, satellites, fix_type)
-    inputs[0] = (int(inputs["counter_now_ns"][0]), *values)
+    for name, value in zip((INPUT.names or ())[1:], values, strict=False):
+        inputs[name][0] = value
     quiet, after, out = flown(inputs)
     assert not out.fix_used
     assert changed_fields(quiet, after) <= MAY_CHANGE

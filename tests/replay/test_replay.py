@@ -52,6 +52,32 @@ def fly_with(folder: Path, meddle: Callable[[Flight], None], *settings: str) -> 
     return flight
 
 
+def test_burns_attitudes_and_commands_are_in_the_journal(tmp_path: Path) -> None:
+    """GIVEN frames of these kinds, good and damaged THEN the journal holds each as it came, in its place, and flown
+    again the same bytes go out."""
+    put: list[str] = []
+
+    def meddle(flight: Flight) -> None:
+        k = flight.k
+        for frame_id, every, values in (
+            (0x120, 23, {"t_start_gps_ns": 1_230_000_000_000_000_000 + k, "dv_y_mps": 0.25, "burn_id": k % 7}),
+            (0x130, 10, {"t_gps_ns": 1_230_000_000_000_000_000 + k, "q_w": 1.0, "sigma_rad": 1e-3}),
+            (0x140, 61, {"command": 9, "target": 9, "value": 9}),
+        ):
+            if k % every == 3:
+                good = frame(frame_id, k // every, **values)
+                for payload in (good, good[:-1] + bytes([good[-1] ^ 1])):
+                    flight.put(frame_id, payload)
+                    put.append(f"{frame_id:03X}##1{payload.hex().upper()} R")
+
+    flight = fly_with(tmp_path, meddle)
+    assert flight.counts["BAD_CRC"] == len(put) // 2 == 9 + 20 + 4
+    journal = (tmp_path / "can.log").read_text(encoding="ascii").splitlines()
+    heard = [line.split(maxsplit=2)[2] for line in journal]
+    assert [line for line in heard if line[:3] in ("120", "130", "140")] == put
+    assert_replays(save_run(flight, tmp_path), 200)
+
+
 def test_foreign_frames_under_flights_own_identifiers(tmp_path: Path) -> None:
     """GIVEN another node that sends what only flight may send THEN the journal keeps the two apart by direction."""
 
