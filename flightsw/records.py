@@ -20,14 +20,23 @@ from flightsw.icd.table_schema import (
     Schema,
 )
 
-STATES = 9
+PAPER_STATES = 9  # of the paper's filter; its covariances are whole matrices
+STATES = 20  # of the flight filter; its covariance is held in factors, kernels/udu.py
+DYNAMIC_STATES = 11  # of them, those that move the satellite
 MEASUREMENTS = 6
+TYPES = 2  # of measurement, MeasurementType: each edited, tested and recorded on its own
+BURNS = 4  # announced manoeuvres held at a time
+MONITOR_SLOTS = 32  # onsets that the monitor of slow faults holds open
+MONITOR_HYPOTHESES = 4
 HISTORY = 12  # grid epochs kept for late fixes: latency_max over nav_step must stay below
 
 # Slices of the filter state x.
 POSITION = slice(0, 3)  # m, GCRF
 VELOCITY = slice(3, 6)  # m/s, GCRF
 ACCELERATION = slice(6, 9)  # m/s2: the paper's dA in GCRF; empirical acceleration in RTN of the flight filter
+DRAG = slice(9, 11)  # 1: what drag has beyond the model, as share of it; a fast and a slow part
+GNSS_BIAS = slice(11, 14)  # m, RTN: error of GNSS positions that lasts for minutes
+GNSS_PERIODIC = slice(14, 20)  # m, RTN: error with the period of the orbit; (in phase, in quadrature) for each axis
 
 
 def _aligned(schema: Schema) -> np.dtype:
@@ -58,12 +67,19 @@ NAV = np.dtype(
         ("initialised", "i8"),
         ("t_gps_ns", "i8"),
         ("x", "f8", (STATES,)),
-        ("P", "f8", (STATES, STATES)),  # the filter's own, (7) to (10)
-        ("P_bound", "f8", (STATES, STATES)),  # the bound's, (17); equals P at an accepted fix
-        ("P_ahead", "f8", (STATES, STATES)),  # the two, one step ahead: a bound serves the whole interval
-        ("P_bound_ahead", "f8", (STATES, STATES)),
+        # the paper's covariances, whole matrices
+        ("P", "f8", (PAPER_STATES, PAPER_STATES)),  # the filter's own, (7) to (10)
+        ("P_bound", "f8", (PAPER_STATES, PAPER_STATES)),  # the bound's, (17); equals P at an accepted fix
+        ("P_ahead", "f8", (PAPER_STATES, PAPER_STATES)),  # the two, one step ahead: a bound serves the whole interval
+        ("P_bound_ahead", "f8", (PAPER_STATES, PAPER_STATES)),
+        # the flight filter's, in factors
+        ("UD", "f8", (STATES, STATES)),
+        ("UD_ahead", "f8", (STATES, STATES)),
+        ("covariance", "f8", (MEASUREMENTS, MEASUREMENTS)),  # of (r, v) as published, with stamp and antenna
         ("unmodelled", "i8"),  # a step since the last fix went without the force model
         ("beyond_mps2", "f8", (3,)),  # acceleration at the epoch that the model of the publication lacks
+        ("drag_mps2", "f8", (3,)),  # drag at the epoch for a scale of one
+        ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late
@@ -71,7 +87,8 @@ NAV = np.dtype(
         ("history_count", "i8"),
         ("history_t_gps_ns", "i8", (HISTORY,)),
         ("history_x", "f8", (HISTORY, STATES)),
-        ("history_P", "f8", (HISTORY, STATES, STATES)),
+        ("history_P", "f8", (HISTORY, PAPER_STATES, PAPER_STATES)),
+        ("history_UD", "f8", (HISTORY, STATES, STATES)),
         # fixes
         ("t_fix_gps_ns", "i8"),  # last accepted
         ("t_seen_gps_ns", "i8"),  # last that passed the time checks
@@ -82,6 +99,35 @@ NAV = np.dtype(
         ("candidate_x", "f8", (STATES,)),
         ("candidate_sigma_r_m", "f8"),
         ("candidate_sigma_v_mps", "f8"),
+        ("start_count", "i8"),  # good fixes in a row before aiding starts again
+        # positions without velocity, from which a state starts: first, one between, last
+        ("arc_count", "i8"),
+        ("arc_t_gps_ns", "i8", (2,)),
+        ("arc_r_m", "f8", (2, 3)),
+        # how measurements are edited
+        ("edit_ordered", "i8", (TYPES,)),  # by command: 0 as the table says, else 1 + EditMode
+        ("excluded", "i8", (TYPES,)),  # by the monitor of slow faults
+        # announced manoeuvres; duration 0: free
+        ("burn_id", "i8", (BURNS,)),
+        ("burn_frame", "i8", (BURNS,)),
+        ("burn_start_gps_ns", "i8", (BURNS,)),
+        ("burn_duration_ns", "i8", (BURNS,)),
+        ("burn_dv_mps", "f8", (BURNS, 3)),
+        ("burn_sigma_mps", "f8", (BURNS, 3)),
+        # attitude, as last received
+        ("attitude_gps_ns", "i8"),
+        ("attitude_q", "f8", (4,)),
+        ("attitude_sigma_rad", "f8"),
+        # monitor of slow faults, by onset and hypothesis: information (upper triangle) and what speaks for it
+        ("monitor_next", "i8"),
+        ("monitor_t_gps_ns", "i8", (MONITOR_SLOTS,)),  # 0: free
+        ("monitor_information", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 6)),
+        ("monitor_evidence", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 3)),
+        ("monitor_absorbed", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES)),  # of a unit fault, in the position [m]
+        ("monitor_statistic", "f8"),  # largest of the last fix
+        ("monitor_kind", "i8"),  # its hypothesis
+        ("monitor_good", "i8"),  # consistent fixes since an exclusion
+        ("monitor_sum", "f8", (TYPES, 3)),  # of their whitened innovations
         # bound, flag, mode
         ("t_evaluated_gps_ns", "i8"),
         ("bound_own_m", "f8"),
@@ -167,18 +213,30 @@ OUTPUT = np.dtype(
         ("da_coverage_pct", "i8"),
         ("alerts", "i8"),  # bit i: condition of alert i holds now
         ("events", "i8"),  # bit i: alert i happened in this step
-        # innovation of the fix of this step, if it had one
+        ("covariance", "f8", (MEASUREMENTS, MEASUREMENTS)),  # of (r, v) as published, GCRF, with the clock's share
+        ("sigma_time_s", "f8"),  # of the stamp
+        ("drag_scale", "f8"),  # estimated: 1 is the model's drag
+        # innovation of the fix of this step, if it had one: of every measurement one record, used or not
         ("fix_seen", "i8"),
         ("fix_used", "i8"),
         ("fix_cause", "i8"),  # RejectCause, or -1
         ("fix_gps_ns", "i8"),
         ("innovation", "f8", (MEASUREMENTS,)),
         ("innovation_sigma", "f8", (MEASUREMENTS,)),
-        ("nis", "f8"),
+        ("nis", "f8"),  # of all measurements tested
         ("gate", "f8"),
+        ("type_cause", "i8", (TYPES,)),  # of each type: RejectCause, -1 used, -2 there was none
+        ("type_nis", "f8", (TYPES,)),
+        ("type_gate", "f8", (TYPES,)),
+        ("monitor_statistic", "f8"),
+        ("monitor_kind", "i8"),  # FaultKind
     ],
     align=True,
 )
+
+# Columns of the factors and of the noise of a step: 9 of the empirical accelerations, 6 white, 6 of drag, 9 of the
+# GNSS errors, 12 of burns; a multiple of four (kernels/udu.py).
+NOISE_WIDTH = STATES + 44
 
 # Scratch of the compiled code; its content means nothing between calls.
 WORK = np.dtype(
@@ -197,16 +255,44 @@ WORK = np.dtype(
         ("stages", "f8", (6, 3)),
         ("gradient", "f8", (3, 3)),
         ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
-        ("noise", "f8", (STATES, STATES)),
         ("empirical_rtn", "f8", (3,)),
         ("small_mps2", "f8", (3,)),
         ("x_model", "f8", (STATES,)),
-        ("gradient_squared", "f8", (3, 3)),
-        ("phi", "f8", (STATES, STATES)),
-        ("square", "f8", (STATES, STATES)),
-        ("gain_form", "f8", (STATES, STATES)),
-        ("gain", "f8", (STATES, MEASUREMENTS)),
-        ("gain_noise", "f8", (STATES, MEASUREMENTS)),
+        # the paper's filter
+        ("phi", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("square", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("gain_form", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("gain", "f8", (PAPER_STATES, MEASUREMENTS)),
+        ("gain_noise", "f8", (PAPER_STATES, MEASUREMENTS)),
+        # the flight filter
+        ("motion", "f8", (6, DYNAMIC_STATES)),  # transition of r and v
+        ("decay", "f8", (STATES,)),  # of the states that only decay
+        ("turn_cos", "f8"),  # rotation of the orbit-periodic pairs over the step
+        ("turn_sin", "f8"),
+        ("W", "f8", (STATES, NOISE_WIDTH)),
+        ("q", "f8", (NOISE_WIDTH,)),
+        ("scaled", "f8", (NOISE_WIDTH,)),
+        ("UD", "f8", (STATES, STATES)),
+        ("P_start", "f8", (STATES, STATES)),
+        ("H", "f8", (3, STATES)),
+        ("f", "f8", (3, STATES)),
+        ("gain_one", "f8", (STATES,)),
+        ("correction", "f8", (STATES,)),
+        ("residual", "f8", (3,)),
+        ("sigma", "f8", (3,)),
+        ("S", "f8", (3, 3)),
+        ("S_lower", "f8", (3, 3)),
+        ("weight", "f8", (3, 3)),
+        ("weight_type", "f8", (TYPES, 3, 3)),
+        ("innovation_type", "f8", (TYPES, 3)),
+        ("P_rv", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        ("body", "f8", (3, 3)),
+        ("lever_m", "f8", (3,)),
+        ("burn_rtn", "f8", (3, 3)),
+        ("burn_dr_m", "f8", (3,)),
+        ("burn_dv_mps", "f8", (3,)),
+        ("three", "f8", (3,)),
+        ("x_other", "f8", (STATES,)),
         ("innovation_p", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("lower", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("column", "f8", (MEASUREMENTS,)),
@@ -214,8 +300,8 @@ WORK = np.dtype(
         ("R", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("R_pseudo", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("x", "f8", (STATES,)),
-        ("P", "f8", (STATES, STATES)),
-        ("P_bound", "f8", (STATES, STATES)),
+        ("P", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("P_bound", "f8", (PAPER_STATES, PAPER_STATES)),
         ("x_publish", "f8", (STATES,)),
         ("x_candidate", "f8", (STATES,)),
         ("node", "f8", (3,)),
@@ -292,6 +378,7 @@ FORCE_WORK = np.dtype(
         ("v", "f8", (3,)),
         ("stage_v", "f8", (STAGES, 3)),
         ("stage_a", "f8", (STAGES, 3)),
+        ("drag_mps2", "f8", (3,)),  # of the last evaluation, for a scale of one
     ],
     align=True,
 )

@@ -113,6 +113,15 @@ class EditMode(IntEnum):
     INHIBIT = 3  # not even tested
 
 
+class FaultKind(IntEnum):
+    """What the monitor of slow faults holds most likely (telemetry, `monitor_kind`)."""
+
+    MANOEUVRE = 0  # velocity has changed, and position with it
+    POSITION_RAMP = 1
+    POSITION_STEP = 2
+    VELOCITY_BIAS = 3
+
+
 class RejectCause(IntEnum):
     """Why a frame, a pulse or a fix did not change the state; index into the 32 counters of telemetry."""
 

@@ -79,6 +79,7 @@ NAVIGATION = Schema(
             "loop",
             _whole("tick_period_ns", "ns", 1_000_000, 1_000_000_000, 100_000_000, "period of the fixed-step loop"),
             _whole("nav_step_ns", "ns", 10_000_000, 60_000_000_000, 1_000_000_000, "tau, step of the filter grid"),
+            _whole("coast_step_ns", "ns", 0, 60_000_000_000, 0, "step of the grid in an outage; 0: nav_step"),
         ),
         *_group(
             "dynamics",  # equation (2) and its discretisation (3)
@@ -123,7 +124,50 @@ NAVIGATION = Schema(
             _real("white_radial_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white radial acceleration"),
             _real("white_along_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white along-track acceleration"),
             _real("white_cross_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white cross-track acceleration"),
-            _real("bound_noise_factor", "1", 0.0, 1e3, 1.0, "process noise of the bound's covariance in an outage"),
+            _real("drag_sigma", "1", 0.0, 10.0, 0.4, "steady sigma of the fast part of the drag scale"),
+            _real("drag_tau_s", "s", 1.0, 1e7, 5000.0, "its correlation time"),
+            _real("drag_slow_sigma", "1", 0.0, 10.0, 0.3, "steady sigma of the slow part of the drag scale"),
+            _real("drag_slow_tau_s", "s", 1.0, 1e8, 86400.0, "its correlation time"),
+            _real("gnss_bias_sigma_m", "m", 0.0, 1e4, 0.0, "steady sigma of the lasting GNSS error, RTN; 0: no states"),
+            _real("gnss_bias_tau_s", "s", 1.0, 1e7, 300.0, "its correlation time"),
+            _real("gnss_periodic_sigma_m", "m", 0.0, 1e4, 0.0, "sigma of the orbit-periodic GNSS error; 0: no states"),
+            _real("gnss_periodic_tau_s", "s", 1.0, 1e8, 1e6, "time over which its phase is lost"),
+            _real("underweight", "1", 0.0, 10.0, 0.2, "share of the state's variance added to R where it dominates"),
+            _real("underweight_above_m", "m", 0.0, 1e9, 1000.0, "position sigma from which that is done"),
+        ),
+        *_group(
+            "editing",  # of the flight filter's measurements, position and velocity each on its own
+            _real("gate_start_nis", "1", 1.0, 1e9, 30.0, "largest NIS (3 dof) of a fix that may start aiding"),
+            _real(
+                "gate_continue_nis", "1", 1.0, 1e9, 30.0, "largest NIS (3 dof) of a measurement while aiding goes on"
+            ),
+            _whole("start_fixes", "count", 1, 100, 2, "fixes in a row within the start gate before one is used"),
+            _whole("edit_position", "EditMode", 0, 3, 0, "positions: 0 auto, 1 accept, 2 reject, 3 inhibit"),
+            _whole("edit_velocity", "EditMode", 0, 3, 0, "velocities: 0 auto, 1 accept, 2 reject, 3 inhibit"),
+        ),
+        *_group(
+            "monitor",  # of slow faults and unannounced manoeuvres: generalised likelihood ratio
+            _whole("monitor_use", "0 no, 1 yes", 0, 1, 0, "whether it runs"),
+            _real("monitor_threshold", "1", 1.0, 1e6, 45.0, "statistic (chi-square, 3 dof) that counts as found"),
+            _whole("monitor_step_fixes", "count", 1, 1000, 10, "fixes between onsets that are held open"),
+            _whole("monitor_settle_fixes", "count", 1, 100000, 900, "accepted fixes before the first onset"),
+            _whole("monitor_clear_fixes", "count", 1, 100000, 60, "consistent fixes that end an exclusion"),
+        ),
+        *_group(
+            "manoeuvre",  # announced burns
+            _real("burn_late_max_s", "s", 0.0, 60.0, 5.0, "a burn announced later after its start is refused"),
+            _real("burn_dv_max_mps", "m/s", 0.0, 1e4, 500.0, "largest component"),
+            _real("burn_duration_max_s", "s", 0.0, 1e5, 7200.0, "longest burn"),
+        ),
+        *_group(
+            "antenna",  # from the centre of mass to the phase centre, body axes: nadir-pointing z down, y against h
+            _real("lever_x_m", "m", -100.0, 100.0, 0.0, "antenna phase centre in body axes, x"),
+            _real("lever_y_m", "m", -100.0, 100.0, 0.0, "antenna phase centre in body axes, y"),
+            _real("lever_z_m", "m", -100.0, 100.0, 0.0, "antenna phase centre in body axes, z"),
+            _real("lever_sigma_m", "m", 0.0, 100.0, 0.0, "1-sigma of the lever arm, each axis"),
+            _whole("attitude_source", "0 nadir-pointing, 1 bus", 0, 1, 0, "where the attitude comes from"),
+            _real("attitude_max_age_s", "s", 0.01, 3600.0, 5.0, "an older attitude gives way to nadir-pointing"),
+            _real("attitude_sigma_rad", "rad", 0.0, 3.2, 0.02, "1-sigma of nadir-pointing"),
         ),
         *_group(
             "tuning",  # Table 1 of the paper: rows chosen by the position sigma that fixes claim
@@ -173,6 +217,9 @@ NAVIGATION = Schema(
                 100.0,
                 6.0,
                 "two fixes agree within so many sigmas",
+            ),
+            _real(
+                "position_arc_s", "s", 10.0, 600.0, 60.0, "positions without velocity start a state over such an arc"
             ),
             _real("agreement_gap_max_s", "s", 0.1, 60.0, 5.0, "fixes further apart start the agreement anew"),
         ),

@@ -7,17 +7,12 @@ bound that stops growing while the error does not. The parameters therefore come
 from __future__ import annotations
 
 from flightsw.kernels.registry import kernel
-from flightsw.nav import flight_model
 from flightsw.nav.filter import gain, joseph, propagate
 
 
 @kernel
 def predict_bound_covariance(table, row, p, work, out):
     """One step of (17) from `p` into `out`, with Phi in work.phi; False if it cannot be computed."""
-    if table.filter_model == flight_model.FLIGHT:
-        # The consistent way: the full covariance goes on with physical process noise, nothing is updated.
-        flight_model.propagate(p, table.bound_noise_factor, work, out)
-        return True
     propagate(
         p,
         table.tuning_bound_q_r_m2[row],

@@ -83,7 +83,7 @@ def evaluate(forces, field, r, v, drag_scale, empirical_rtn, work, out):
     if forces.relativity == 1:
         add_relativity(field.gm_m3ps2, r, v, out)
     if forces.area_to_mass_m2pkg > 0.0:
-        drag = work.body
+        drag = work.drag_mps2
         surface_forces.drag(forces, work.semiannual, work.sun_m, m[2], r, v, drag)
         for i in range(3):
             out[i] += drag_scale * drag[i]

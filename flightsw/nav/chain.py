@@ -8,15 +8,17 @@ from flightsw.icd.enums import DaSource
 from flightsw.integrity import failure_flag
 from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
-from flightsw.kernels import frames
+from flightsw.kernels import frames, gravity
 from flightsw.kernels.registry import kernel
-from flightsw.nav import dynamics, flight_model, stored_acceleration
+from flightsw.nav import clock, dynamics, flight_filter, flight_model, manoeuvre, monitor, stored_acceleration
 from flightsw.nav.filter import predict_covariance, transition
-from flightsw.records import HISTORY, STATES
+from flightsw.records import HISTORY, MEASUREMENTS
 
 FILTER = int(DaSource.FILTER)
 STORED = int(DaSource.STORED)
 HELD = int(DaSource.HELD)
+# a burn that has ended is kept while a late fix may go back behind it
+_BURN_KEPT_NS = 60_000_000_000
 
 
 @kernel
@@ -32,18 +34,60 @@ def _larger(a, b):
 
 
 @kernel
+def grid_step_ns(nav, table):
+    """Length of the next step of the grid: longer in an outage where the table says so, except through a burn."""
+    if table.filter_model != flight_model.FLIGHT or table.coast_step_ns <= table.nav_step_ns:
+        return table.nav_step_ns
+    if (nav.t_gps_ns - nav.t_fix_gps_ns) * 1e-9 <= table.autonomous_after_s:
+        return table.nav_step_ns
+    if manoeuvre.is_active(nav, nav.t_gps_ns, table.coast_step_ns * 1e-9):
+        return table.nav_step_ns
+    return table.coast_step_ns
+
+
+@kernel
 def look_ahead(nav, table, work):
-    """Covariances one step ahead, and from both ends of the interval its bounds."""
-    transition(table, nav.x, table.nav_step_ns * 1e-9, nav.pole, work)
-    predict_covariance(table, nav.row, 1.0, nav.P, work, nav.P_ahead)
+    """Covariance one step ahead, and from both ends of the interval its bounds."""
+    dt_s = grid_step_ns(nav, table) * 1e-9
+    if table.filter_model == flight_model.FLIGHT:
+        _look_ahead_flight(nav, table, dt_s, work)
+        return
+    transition(table, nav.x, dt_s, nav.gradient_ps2, work)
+    predict_covariance(table, nav.row, dt_s * 1e9 / table.nav_step_ns, nav.P, work, nav.P_ahead)
+    possible = predict_bound_covariance(table, nav.row, nav.P_bound, work, nav.P_bound_ahead)
+    if manoeuvre.is_active(nav, nav.t_gps_ns, dt_s):
+        manoeuvre.add_noise(nav, nav.t_gps_ns, dt_s, nav.P_ahead)
+        manoeuvre.add_noise(nav, nav.t_gps_ns, dt_s, nav.P_bound_ahead)
     nav.bound_own_m = _larger(axis_bound_m(table, nav.P), axis_bound_m(table, nav.P_ahead))
     nav.bound_own_3d_m = _larger(radius_bound_m(table, nav.P), radius_bound_m(table, nav.P_ahead))
-    if predict_bound_covariance(table, nav.row, nav.P_bound, work, nav.P_bound_ahead):
+    if possible:
         nav.bound_coast_m = _larger(axis_bound_m(table, nav.P_bound), axis_bound_m(table, nav.P_bound_ahead))
         nav.bound_coast_3d_m = _larger(radius_bound_m(table, nav.P_bound), radius_bound_m(table, nav.P_bound_ahead))
     else:
         nav.bound_coast_m = math.nan
         nav.bound_coast_3d_m = math.nan
+
+
+@kernel
+def _look_ahead_flight(nav, table, dt_s, work):
+    """The flight filter has one covariance, with and without fixes: process noise is physical, nothing is updated."""
+    flight_model.set_transition(table, nav.x, dt_s, nav.drag_mps2, nav.gradient_ps2, work)
+    flight_model.predict(nav, table, nav.t_gps_ns, nav.UD, dt_s, nav.drag_mps2, work, nav.UD_ahead)
+    v = nav.x[3:6]
+    end_gps_ns = nav.t_gps_ns + round(dt_s * 1e9)
+    now_s2 = clock.phase_variance_s2(nav, table, nav.t_gps_ns)
+    then_s2 = clock.phase_variance_s2(nav, table, end_gps_ns)
+    flight_filter.position_covariance(nav, table, end_gps_ns, nav.UD_ahead, v, then_s2, work)
+    axis_m = axis_bound_m(table, work.P_rv)
+    radius_m = radius_bound_m(table, work.P_rv)
+    flight_filter.position_covariance(nav, table, nav.t_gps_ns, nav.UD, v, now_s2, work)
+    nav.bound_own_m = _larger(axis_bound_m(table, work.P_rv), axis_m)
+    nav.bound_own_3d_m = _larger(radius_bound_m(table, work.P_rv), radius_m)
+    nav.bound_coast_m = nav.bound_own_m
+    nav.bound_coast_3d_m = nav.bound_own_3d_m
+    for i in range(MEASUREMENTS):
+        for j in range(MEASUREMENTS):
+            nav.covariance[i, j] = work.P_rv[i, j]
 
 
 @kernel
@@ -61,7 +105,7 @@ def _judge(nav, table):
     if nav.t_gps_ns <= nav.t_evaluated_gps_ns:
         return
     nav.t_evaluated_gps_ns = nav.t_gps_ns
-    if is_overdue(nav, table, nav.t_gps_ns + table.nav_step_ns):
+    if is_overdue(nav, table, nav.t_gps_ns + grid_step_ns(nav, table)):
         bound_m = failure_flag.driving(table, nav.bound_coast_m, nav.bound_coast_3d_m)
     else:
         bound_m = failure_flag.driving(table, nav.bound_own_m, nav.bound_own_3d_m)
@@ -72,7 +116,7 @@ def _judge(nav, table):
 def settle(nav, table, model, work):
     """What follows once the newest epoch is in place: pole, bounds, flag."""
     frames.pole_gcrf(model.eop, nav.t_gps_ns, work, nav.pole)
-    dynamics.beyond_publication(table, model, nav.t_gps_ns, nav.x, nav.pole, work, nav.beyond_mps2)
+    dynamics.observe_forces(nav, table, model, work)
     look_ahead(nav, table, work)
     if nav.unmodelled:
         _withhold(nav)
@@ -86,18 +130,21 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
     nav.t_evaluated_gps_ns = min(nav.t_evaluated_gps_ns, t_gps_ns - 1)
-    nav.P[:, :] = 0.0
-    for i in range(3):
+    nav.x[:] = 0.0
+    for i in range(MEASUREMENTS):
         nav.x[i] = work.z[i]
-        nav.x[3 + i] = work.z[3 + i]
-        nav.x[6 + i] = 0.0
-        nav.P[i, i] = sigma_r_m * sigma_r_m
-        nav.P[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
-        nav.P[6 + i, 6 + i] = (table.da_max_mps2 / 3.0) ** 2
     if table.filter_model == flight_model.FLIGHT:
-        for state in range(6, 9):
-            nav.P[state, state] = table.empirical_sigma_mps2**2
-    nav.P_bound[:, :] = nav.P
+        flight_model.start(table, nav.x, sigma_r_m, sigma_v_mps, work, nav.UD)
+    else:
+        nav.P[:, :] = 0.0
+        for i in range(3):
+            nav.P[i, i] = sigma_r_m * sigma_r_m
+            nav.P[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
+            nav.P[6 + i, 6 + i] = (table.da_max_mps2 / 3.0) ** 2
+        nav.P_bound[:, :] = nav.P
+    nav.excluded[:] = 0
+    nav.start_count = 0
+    monitor.forget(nav)
     nav.unmodelled = 0
     nav.history_count = 0
     nav.streak = 0
@@ -109,7 +156,7 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
 
 
 @kernel
-def _remember(nav):
+def _remember(nav, table):
     """Keep the newest epoch in the ring; the oldest one falls out of a full ring."""
     if nav.history_count == HISTORY:
         nav.history_first = (nav.history_first + 1) % HISTORY
@@ -117,19 +164,26 @@ def _remember(nav):
     k = (nav.history_first + nav.history_count) % HISTORY
     nav.history_t_gps_ns[k] = nav.t_gps_ns
     nav.history_x[k, :] = nav.x
-    nav.history_P[k, :, :] = nav.P
+    if table.filter_model == flight_model.FLIGHT:
+        nav.history_UD[k, :, :] = nav.UD
+    else:
+        nav.history_P[k, :, :] = nav.P
     nav.history_count += 1
 
 
 @kernel
 def advance(nav, table, model, work):
     """One step of the grid without a fix: the mean by the model, the two covariances each by its own rule."""
-    _remember(nav)
-    if not dynamics.advance(table, model, nav.t_gps_ns, nav.x, table.nav_step_ns, nav.pole, work):
+    _remember(nav, table)
+    step_ns = grid_step_ns(nav, table)
+    if not dynamics.advance(nav, table, model, nav.t_gps_ns, nav.x, step_ns, nav.pole, work):
         nav.unmodelled = 1
-    nav.P[:, :] = nav.P_ahead
-    nav.P_bound[:, :] = nav.P_bound_ahead
-    nav.t_gps_ns += table.nav_step_ns
+    if table.filter_model == flight_model.FLIGHT:
+        nav.UD[:, :] = nav.UD_ahead
+    else:
+        nav.P[:, :] = nav.P_ahead
+        nav.P_bound[:, :] = nav.P_bound_ahead
+    nav.t_gps_ns += step_ns
     if is_overdue(nav, table, nav.t_gps_ns) and table.stored_da_use:
         if stored_acceleration.recall(nav, table, nav.x, nav.t_gps_ns, work):
             nav.da_source = STORED
@@ -139,15 +193,52 @@ def advance(nav, table, model, work):
 
 
 @kernel
+def catch_up(nav, table, model, slot, work):
+    """A burn that had begun when it was announced: bring the newest epoch and all before it up to it."""
+    flight_model.rtn_basis(nav.x, work.burn_rtn)
+    _catch_up_epoch(nav, nav.burn_start_gps_ns[slot], slot, nav.t_gps_ns, nav.x, work)
+    passed_s = (nav.t_gps_ns - nav.burn_start_gps_ns[slot]) * 1e-9
+    if passed_s > 0.0:
+        if table.filter_model == flight_model.FLIGHT:
+            flight_filter.widen_by_burn(nav, table, slot, passed_s, work)
+        else:
+            manoeuvre.add_noise(nav, nav.burn_start_gps_ns[slot], passed_s, nav.P)
+            manoeuvre.add_noise(nav, nav.burn_start_gps_ns[slot], passed_s, nav.P_bound)
+    for back in range(nav.history_count):
+        k = (nav.history_first + back) % HISTORY
+        _catch_up_epoch(nav, nav.burn_start_gps_ns[slot], slot, nav.history_t_gps_ns[k], nav.history_x[k], work)
+    settle(nav, table, model, work)
+
+
+@kernel
+def _catch_up_epoch(nav, start_gps_ns, slot, t_gps_ns, x, work):
+    passed_s = (t_gps_ns - start_gps_ns) * 1e-9
+    if passed_s <= 0.0:
+        return
+    work.burn_dr_m[:] = 0.0
+    work.burn_dv_mps[:] = 0.0
+    manoeuvre.displacement(
+        nav, slot, start_gps_ns, passed_s, work.burn_rtn, work.three, work.burn_dr_m, work.burn_dv_mps
+    )
+    for i in range(3):
+        x[i] += work.burn_dr_m[i]
+        x[3 + i] += work.burn_dv_mps[i]
+
+
+@kernel
 def predict_to(nav, table, model, t_gps_ns, work):
-    """State and covariance predicted to the time of a fix, into work.x and work.P; the chain is not touched.
+    """State and covariance predicted to the time of a fix, into work.x, work.P or work.UD; the chain is not touched.
 
     Starts from the newest epoch that is not later than the fix. False where the history does not reach back.
     """
+    flying = table.filter_model == flight_model.FLIGHT
     if t_gps_ns >= nav.t_gps_ns:
         t_ns = nav.t_gps_ns
         work.x[:] = nav.x
-        work.P[:, :] = nav.P
+        if flying:
+            work.UD[:, :] = nav.UD
+        else:
+            work.P[:, :] = nav.P
     else:
         back = nav.history_count - 1
         while back >= 0 and nav.history_t_gps_ns[(nav.history_first + back) % HISTORY] > t_gps_ns:
@@ -157,27 +248,48 @@ def predict_to(nav, table, model, t_gps_ns, work):
         k = (nav.history_first + back) % HISTORY
         t_ns = nav.history_t_gps_ns[k]
         work.x[:] = nav.history_x[k]
-        work.P[:, :] = nav.history_P[k]
+        if flying:
+            work.UD[:, :] = nav.history_UD[k]
+        else:
+            work.P[:, :] = nav.history_P[k]
     while t_ns < t_gps_ns:
         step_ns = min(table.nav_step_ns, t_gps_ns - t_ns)
-        share = step_ns / table.nav_step_ns
         dt_s = step_ns * 1e-9
-        transition(table, work.x, dt_s, nav.pole, work)
-        predict_covariance(table, nav.row, share, work.P, work, work.P)
-        dynamics.advance(table, model, t_ns, work.x, step_ns, nav.pole, work)
+        if flying:
+            flight_model.set_transition(table, work.x, dt_s, nav.drag_mps2, nav.gradient_ps2, work)
+            flight_model.predict(nav, table, t_ns, work.UD, dt_s, nav.drag_mps2, work, work.UD)
+        else:
+            gravity.gradient(table, work.x[0:3], nav.pole, work.gradient)
+            transition(table, work.x, dt_s, work.gradient, work)
+            predict_covariance(table, nav.row, step_ns / table.nav_step_ns, work.P, work, work.P)
+            if manoeuvre.is_active(nav, t_ns, dt_s):
+                manoeuvre.add_noise(nav, t_ns, dt_s, work.P)
+        dynamics.advance(nav, table, model, t_ns, work.x, step_ns, nav.pole, work)
         t_ns += step_ns
     return True
 
 
 @kernel
+def commit_aside(nav, table, model, t_gps_ns, work):
+    """As `commit` for a velocity without a position: the state is corrected, the age of the last fix runs on."""
+    t_fix_gps_ns = nav.t_fix_gps_ns
+    row = nav.row
+    commit(nav, table, model, t_gps_ns, row, work)
+    nav.t_fix_gps_ns = t_fix_gps_ns
+
+
+@kernel
 def commit(nav, table, model, t_gps_ns, row, work):
-    """The corrected state in work.x and work.P becomes the newest epoch; both covariances start from it."""
+    """The corrected state in work.x and work.P or work.UD becomes the newest epoch; all covariances start from it."""
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
-    for i in range(STATES):
-        nav.x[i] = work.x[i]
-    nav.P[:, :] = work.P
-    nav.P_bound[:, :] = work.P
+    nav.x[:] = work.x
+    if table.filter_model == flight_model.FLIGHT:
+        nav.UD[:, :] = work.UD
+    else:
+        nav.P[:, :] = work.P
+        nav.P_bound[:, :] = work.P
+    manoeuvre.forget_past(nav, t_gps_ns - _BURN_KEPT_NS)
     nav.unmodelled = 0
     nav.history_count = 0
     nav.da_source = FILTER

@@ -7,9 +7,7 @@ from typing import Any, NamedTuple
 
 from flightsw.kernels import force_model, gravity, integrators, orbit_integrators
 from flightsw.kernels.registry import kernel
-from flightsw.nav import flight_model
-
-_NO_DRAG_CORRECTION = 1.0
+from flightsw.nav import flight_model, manoeuvre
 
 
 class Model(NamedTuple):
@@ -26,23 +24,44 @@ class Model(NamedTuple):
 
 
 @kernel
-def advance(table, model, t_gps_ns, x, dt_ns, pole, work):
+def advance(nav, table, model, t_gps_ns, x, dt_ns, pole, work):
     """x at t_gps_ns, in place, to dt_ns later; False where the Earth orientation that the forces need has ended.
 
-    The flight filter's empirical accelerations act with their mean over the step and decay exactly. Without Earth
-    orientation the step is taken with the small model, so that there is a state, but nothing may vouch for it.
+    The flight filter's other states act with their mean over the step and decay exactly. Without Earth orientation
+    the step is taken with the small model, so that there is a state, but nothing may vouch for it. Announced burns
+    are added to either model.
     """
     dt_s = dt_ns * 1e-9
+    burning = manoeuvre.is_active(nav, t_gps_ns, dt_s)
+    if burning:
+        flight_model.rtn_basis(x, work.burn_rtn)
+    ok = True
     if table.filter_model != flight_model.FLIGHT:
         integrators.advance(table, x, dt_s, pole, work.stages)
-        return True
-    decay = math.exp(-dt_s / table.empirical_tau_s)
-    kept = -math.expm1(-dt_s / table.empirical_tau_s) * table.empirical_tau_s / dt_s
+    else:
+        ok = _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work)
+    if burning:
+        manoeuvre.apply(nav, t_gps_ns, dt_s, work.burn_rtn, work, x)
+    return ok
+
+
+@kernel
+def _mean(dt_s, tau_s):
+    """Mean over dt of exp(-t / tau)."""
+    return -math.expm1(-dt_s / tau_s) * tau_s / dt_s
+
+
+@kernel
+def _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work):
+    dt_s = dt_ns * 1e-9
+    kept = _mean(dt_s, table.empirical_tau_s)
     empirical = work.empirical_rtn
     for i in range(3):
         empirical[i] = kept * x[6 + i]
+    drag_scale = 1.0 + _mean(dt_s, table.drag_tau_s) * x[9] + _mean(dt_s, table.drag_slow_tau_s) * x[10]
+    flight_model.set_decays(table, x, dt_s, work)
     ok = orbit_integrators.advance(
-        model.forces, model.field, model.eop, t_gps_ns, x[0:6], dt_ns, _NO_DRAG_CORRECTION, empirical, model.scratch
+        model.forces, model.field, model.eop, t_gps_ns, x[0:6], dt_ns, drag_scale, empirical, model.scratch
     )
     if not ok:
         for i in range(6):
@@ -52,34 +71,43 @@ def advance(table, model, t_gps_ns, x, dt_ns, pole, work):
         integrators.rk4(table, work.x_model, dt_s, pole, work.stages)
         for i in range(6):
             x[i] = work.x_model[i]
-    for i in range(3):
-        x[6 + i] *= decay
+    flight_model.carry_others(work, x)
     return ok
 
 
 @kernel
-def beyond_publication(table, model, t_gps_ns, x, pole, work, out):
-    """Acceleration at the epoch that the small model of the publication lacks, into `out` [m/s2, GCRF].
+def observe_forces(nav, table, model, work):
+    """What the forces are at the newest epoch: nav.beyond_mps2, nav.drag_mps2, nav.gradient_ps2.
 
-    For the paper's filter that is dA; for the flight filter all that its force model has beyond J2.
+    `beyond` is the acceleration that the small model of the publication lacks: the paper's dA; for the flight filter
+    all that its force model has beyond J2.
     """
+    x = nav.x
+    gravity.gradient(table, x[0:3], nav.pole, nav.gradient_ps2)
     for i in range(3):
-        out[i] = x[6 + i]
+        nav.beyond_mps2[i] = x[6 + i]
+        nav.drag_mps2[i] = 0.0
     if table.filter_model != flight_model.FLIGHT:
         return
-    r = x[0:3]
     ok = force_model.acceleration(
         model.forces,
         model.field,
         model.eop,
-        t_gps_ns,
-        r,
+        nav.t_gps_ns,
+        x[0:3],
         x[3:6],
-        _NO_DRAG_CORRECTION,
+        1.0 + x[9] + x[10],
         x[6:9],
         model.scratch,
-        out,
+        nav.beyond_mps2,
     )
-    gravity.acceleration(table, r, pole, work.small_mps2)
+    gravity.acceleration(table, x[0:3], nav.pole, work.small_mps2)
     for i in range(3):
-        out[i] = out[i] - work.small_mps2[i] if ok else 0.0
+        nav.beyond_mps2[i] = nav.beyond_mps2[i] - work.small_mps2[i] if ok else 0.0
+    if not ok:
+        return
+    if model.forces.area_to_mass_m2pkg > 0.0:
+        for i in range(3):
+            nav.drag_mps2[i] = model.scratch.drag_mps2[i]
+    if model.forces.gradient_degree > 2:
+        force_model.gradient(model.field, x[0:3], model.scratch, nav.gradient_ps2)

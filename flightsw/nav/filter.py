@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flightsw.kernels import gravity, integrators
+from flightsw.kernels import integrators
 from flightsw.kernels.linalg import (
     cholesky,
     multiply,
@@ -12,23 +12,17 @@ from flightsw.kernels.linalg import (
     symmetrise,
 )
 from flightsw.kernels.registry import kernel
-from flightsw.nav import flight_model
-from flightsw.records import MEASUREMENTS, STATES
+from flightsw.records import MEASUREMENTS, PAPER_STATES
 
 
 @kernel
-def transition(table, x, dt_s, pole, work):
-    """Jacobian of one step of length dt_s at x into work.phi; for the flight model also its noise into work.noise.
+def transition(table, x, dt_s, g, work):
+    """Jacobian of one step of length dt_s at x into work.phi, with g the gradient of gravity there.
 
     With Euler it is the paper's Phi, exactly the derivative of (3). With RK4 it is the exponential of the
     Jacobian to second order: what it leaves out, G tau^3 / 6, is below 5e-7 s for a step of 1 s.
     """
     phi = work.phi
-    g = work.gradient
-    gravity.gradient(table, x[0:3], pole, g)
-    if table.filter_model == flight_model.FLIGHT:
-        flight_model.transition(table, x, dt_s, work)
-        return
     phi[:, :] = 0.0
     second_order = 0.5 * dt_s * dt_s if table.integrator == integrators.RK4 else 0.0
     for i in range(3):
@@ -59,13 +53,7 @@ def propagate(p, q_r, q_v, q_a, work, out):
 
 @kernel
 def predict_covariance(table, row, share, p, work, out):
-    """Equation (7) over `share` of a step with the noise of a tuning row; `out` may be `p`.
-
-    The flight model brings its own noise, made with the transition for the length of the step.
-    """
-    if table.filter_model == flight_model.FLIGHT:
-        flight_model.propagate(p, 1.0, work, out)
-        return
+    """Equation (7) over `share` of a step with the noise of a tuning row; `out` may be `p`."""
     propagate(
         p,
         share * table.tuning_q_r_m2[row],
@@ -88,7 +76,7 @@ def gain(p, r, work):
             s[i, j] = p[i, j] + r[i, j]
     if not cholesky(s, work.lower):
         return False
-    for state in range(STATES):
+    for state in range(PAPER_STATES):
         row = work.gain[state]
         for j in range(MEASUREMENTS):
             row[j] = p[state, j]
@@ -105,16 +93,16 @@ def joseph(p, r, work, out):
     """
     form = work.gain_form
     k = work.gain
-    for i in range(STATES):
-        for j in range(STATES):
+    for i in range(PAPER_STATES):
+        for j in range(PAPER_STATES):
             form[i, j] = 1.0 if i == j else 0.0
         for j in range(MEASUREMENTS):
             form[i, j] -= k[i, j]
     multiply(form, p, work.square)
     multiply(k, r, work.gain_noise)
     multiply_transposed(work.square, form, out)
-    for i in range(STATES):
-        for j in range(STATES):
+    for i in range(PAPER_STATES):
+        for j in range(PAPER_STATES):
             total = 0.0
             for m in range(MEASUREMENTS):
                 total += work.gain_noise[i, m] * k[j, m]
@@ -147,7 +135,7 @@ def innovate(table, x, p, work, out):
 @kernel
 def correct(x, p, work, out):
     """Equations (9) and (10): x and p in place, from work.gain and out.innovation."""
-    for i in range(STATES):
+    for i in range(PAPER_STATES):
         for j in range(MEASUREMENTS):
             x[i] += work.gain[i, j] * out.innovation[j]
     joseph(p, work.R, work, p)
@@ -156,15 +144,15 @@ def correct(x, p, work, out):
 @kernel
 def is_sound(table, x, p):
     """Whether state and covariance are finite, variances positive and correlations possible."""
-    for i in range(STATES):
+    for i in range(PAPER_STATES):
         if not (abs(x[i]) < 1e300):
             return False
-        for j in range(STATES):
+        for j in range(PAPER_STATES):
             if not (abs(p[i, j]) < 1e300):
                 return False
         if not (p[i, i] > 0.0):
             return False
-    for i in range(STATES):
+    for i in range(PAPER_STATES):
         for j in range(i):
             if p[i, j] * p[i, j] > p[i, i] * p[j, j] * (1.0 + table.correlation_excess):
                 return False

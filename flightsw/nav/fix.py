@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 
 from flightsw.icd.alerts import AlertId
-from flightsw.icd.enums import RejectCause
+from flightsw.icd.enums import MeasurementType, RejectCause
 from flightsw.integrity import failure_flag
 from flightsw.kernels import frames
 from flightsw.kernels.registry import kernel
-from flightsw.nav import chain, stored_acceleration
-from flightsw.nav.candidate import offer
+from flightsw.nav import chain, flight_filter, flight_model, stored_acceleration
+from flightsw.nav.candidate import offer, offer_position
 from flightsw.nav.filter import correct, innovate, is_sound
-from flightsw.records import MEASUREMENTS
+from flightsw.records import MEASUREMENTS, TYPES
 
 _GATE = int(RejectCause.GATE)
 _TIME_STALE = int(RejectCause.TIME_STALE)
 _EARTH_ORIENTATION = int(RejectCause.EARTH_ORIENTATION)
 _SINGULAR = int(RejectCause.SINGULAR)
+_OPERATOR = int(RejectCause.OPERATOR)
+_VELOCITY = int(MeasurementType.VELOCITY)
+_STARTING = int(RejectCause.STARTING)
 _REINITIALISED = 1 << int(AlertId.REINITIALISED)
 _INITIALISED = 1 << int(AlertId.INITIALISED)
 _DIVERGED = 1 << int(AlertId.DIVERGED)
@@ -77,6 +80,44 @@ def _declare_unreliable(nav, out, event):
 
 
 @kernel
+def _correct_whole(nav, table, inp, work, out):
+    """The paper's update: position and velocity as one measurement. Returns its cause."""
+    cause = USED
+    if not innovate(table, work.x, work.P, work, out):
+        cause = _SINGULAR
+    elif not (out.nis <= table.gate_nis):
+        cause = _GATE
+    else:
+        correct(work.x, work.P, work, out)
+    for kind in range(TYPES):
+        out.type_gate[kind] = table.gate_nis
+        out.type_cause[kind] = cause
+    return cause
+
+
+@kernel
+def _is_sound(table, work):
+    if table.filter_model == flight_model.FLIGHT:
+        return flight_filter.is_sound(table, work.x, work.UD)
+    return is_sound(table, work.x, work.P)
+
+
+@kernel
+def _offer(nav, table, inp, sigma_r_m, sigma_v_mps, wanted, work):
+    """Whether this fix completes a row that agrees, from which a state may start; the state is then in work.z."""
+    if inp.fix_has_velocity:
+        return offer(nav, table, inp.fix_gps_ns, sigma_r_m, sigma_v_mps, work) >= wanted
+    return offer_position(nav, table, inp.fix_gps_ns, sigma_r_m, work)
+
+
+@kernel
+def _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work):
+    if not inp.fix_has_velocity:
+        sigma_v_mps = math.sqrt(2.0) * sigma_r_m / table.position_arc_s
+    chain.start(nav, table, model, inp.fix_gps_ns, row, sigma_r_m, sigma_v_mps, work)
+
+
+@kernel
 def process(nav, table, model, inp, work, out):
     """Take a fix that passed its checks. Returns USED or the RejectCause; a rejected fix changes no state."""
     row = row_for(table, inp)
@@ -92,33 +133,36 @@ def process(nav, table, model, inp, work, out):
 
     if not nav.initialised:
         frames.pole_gcrf(model.eop, t_gps_ns, work, nav.pole)
-        if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.init_fixes:
-            chain.start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
+        if _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.init_fixes, work):
+            _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work)
             out.events |= _INITIALISED
         return USED
 
     if not chain.predict_to(nav, table, model, t_gps_ns, work):
         return _TIME_STALE
-    if not innovate(table, work.x, work.P, work, out):
+    flying = table.filter_model == flight_model.FLIGHT
+    if flying:
+        cause = flight_filter.correct(nav, table, row, inp, work, out)
+    else:
+        cause = _correct_whole(nav, table, inp, work, out)
+    if cause == _SINGULAR or not _is_sound(table, work):
         nav.initialised = 0
         _declare_unreliable(nav, out, _DIVERGED)
         return _SINGULAR
-    if not (out.nis <= table.gate_nis):
-        nav.streak = 0
-        if offer(nav, table, t_gps_ns, sigma_r_m, sigma_v_mps, work) >= table.reinit_fixes:
+    if cause != USED:
+        if cause == _OPERATOR and out.type_cause[_VELOCITY] == USED:
+            chain.commit_aside(nav, table, model, t_gps_ns, work)
+        if cause != _STARTING:
+            nav.streak = 0
+        if cause == _GATE and _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.reinit_fixes, work):
             _declare_unreliable(nav, out, _REINITIALISED)
-            chain.start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work)
-        return _GATE
-
-    correct(work.x, work.P, work, out)
-    if not is_sound(table, work.x, work.P):
-        nav.initialised = 0
-        _declare_unreliable(nav, out, _DIVERGED)
-        return _SINGULAR
+            _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work)
+        return cause
     nav.fixes_accepted += 1
     nav.streak += 1
     nav.candidate_count = 0
-    nis_per_dof = out.nis / MEASUREMENTS
+    nav.arc_count = 0
+    nis_per_dof = out.nis / (flight_filter.degrees_of_freedom(out) if flying else MEASUREMENTS)
     nav.mean_nis += (nis_per_dof - nav.mean_nis) / min(nav.streak, table.clear_fixes)
     chain.commit(nav, table, model, t_gps_ns, row, work)
     if table.stored_da_use and nav.streak >= table.stored_da_after_fixes:

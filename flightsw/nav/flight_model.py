@@ -1,25 +1,49 @@
-"""Process model of the flight filter: x = (R, V, a).
+"""Process model of the flight filter: what its states do over a step, and the noise that comes with it.
 
-R, V in GCRF; a [m/s2], empirical accelerations in RTN, are first-order Gauss-Markov processes: what the force model
-lacks, not a stand-in for it. Beside them white accelerations in RTN (state noise compensation). The noise of a step is
-exact for its length.
+    r, v        GCRF; by the force model
+    a           empirical accelerations in RTN: what the force model lacks, not a stand-in for it
+    drag        what drag has beyond the model, a share of it: a fast and a slow part
+    bias        error of GNSS positions that lasts for minutes, RTN
+    periodic    error of GNSS positions with the period of the orbit, RTN: a pair for each axis that turns with it
+
+All but r and v are first-order Gauss-Markov processes. Beside them white accelerations in RTN (state noise
+compensation). Noise is exact for the length of the step: it enters as columns, one for each node of a quadrature over
+the instants at which it acts, so that the factors of the covariance take it as it is.
 """
 
 from __future__ import annotations
 
 import math
 
-from flightsw.kernels.linalg import multiply, multiply_transposed, symmetrise
+from flightsw.kernels import udu
 from flightsw.kernels.registry import kernel
-from flightsw.records import STATES
+from flightsw.nav import manoeuvre
+from flightsw.records import DYNAMIC_STATES, NOISE_WIDTH, STATES
 
 PAPER = 0
 FLIGHT = 1
 
-# Gauss-Legendre nodes and weights on [0, 1], five points: exact to degree nine, and the kernels below are smooth
-# over a step that is short beside the correlation times (Abramowitz and Stegun, table 25.4).
-_NODES = (0.046910077030668, 0.230765344947158, 0.5, 0.769234655052842, 0.953089922969332)
-_WEIGHTS = (0.118463442528095, 0.239314335249683, 0.284444444444444, 0.239314335249683, 0.118463442528095)
+_AXES = 3
+_DRAG = 9
+_BIAS = 11
+_PERIODIC = 14
+
+# Gauss-Legendre nodes and weights on [0, 1], three points: exact to degree five; responses below are quadratic in
+# time as long as a step is short beside the correlation times (Abramowitz and Stegun, table 25.4).
+_NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
+_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+# and two points: exact to degree three, enough for white accelerations
+_NODES_WHITE = (0.21132486540518713, 0.7886751345948129)
+
+
+@kernel
+def states(table):
+    """How many states this table's filter has: the errors of GNSS come last and only where they are modelled."""
+    if table.gnss_periodic_sigma_m > 0.0:
+        return STATES
+    if table.gnss_bias_sigma_m > 0.0:
+        return _PERIODIC
+    return _BIAS
 
 
 @kernel
@@ -42,6 +66,15 @@ def rtn_basis(x, out):
 
 
 @kernel
+def orbital_rate_radps(x):
+    """Rate of the argument of latitude, h / r^2 [rad/s]."""
+    n0 = x[1] * x[5] - x[2] * x[4]
+    n1 = x[2] * x[3] - x[0] * x[5]
+    n2 = x[0] * x[4] - x[1] * x[3]
+    return math.sqrt(n0 * n0 + n1 * n1 + n2 * n2) / (x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+
+
+@kernel
 def _velocity_response(dt_s, tau_s):
     """Velocity that a decaying acceleration of 1 m/s2 at the start has given after dt."""
     return -tau_s * math.expm1(-dt_s / tau_s)
@@ -50,106 +83,242 @@ def _velocity_response(dt_s, tau_s):
 @kernel
 def _position_response(dt_s, tau_s):
     """Position that it has given after dt."""
+    x = dt_s / tau_s
+    if x < 1e-3:  # the difference below would lose its digits
+        return dt_s * dt_s * (0.5 - x / 6.0 + x * x / 24.0)
     return tau_s * (dt_s - _velocity_response(dt_s, tau_s))
 
 
 @kernel
-def _add_noise(noise, direction, state, sigma, tau_s, dt_s):
-    """Exact noise of one Gauss-Markov acceleration along `direction` over dt, into `noise`.
-
-    The noise that enters at time dt - s has acted for s; the integral over s is taken numerically.
-    """
-    density = 2.0 * sigma * sigma / tau_s
-    rr = 0.0
-    rv = 0.0
-    vv = 0.0
-    ra = 0.0
-    va = 0.0
-    aa = 0.0
-    for node in range(5):
-        s = _NODES[node] * dt_s
-        w = _WEIGHTS[node] * dt_s * density
-        r = _position_response(s, tau_s)
-        v = _velocity_response(s, tau_s)
-        a = math.exp(-s / tau_s)
-        rr += w * r * r
-        rv += w * r * v
-        vv += w * v * v
-        ra += w * r * a
-        va += w * v * a
-        aa += w * a * a
-    for i in range(3):
-        for j in range(3):
-            outer = direction[i] * direction[j]
-            noise[i, j] += rr * outer
-            noise[i, 3 + j] += rv * outer
-            noise[3 + i, j] += rv * outer
-            noise[3 + i, 3 + j] += vv * outer
-        noise[i, state] += ra * direction[i]
-        noise[state, i] += ra * direction[i]
-        noise[3 + i, state] += va * direction[i]
-        noise[state, 3 + i] += va * direction[i]
-    noise[state, state] += aa
-
-
-@kernel
-def _add_white(noise, direction, density, dt_s):
-    rr = density * dt_s**3 / 3.0
-    rv = density * dt_s * dt_s / 2.0
-    vv = density * dt_s
-    for i in range(3):
-        for j in range(3):
-            outer = direction[i] * direction[j]
-            noise[i, j] += rr * outer
-            noise[i, 3 + j] += rv * outer
-            noise[3 + i, j] += rv * outer
-            noise[3 + i, 3 + j] += vv * outer
-
-
-@kernel
-def transition(table, x, dt_s, work):
-    """Jacobian of a step into work.phi and its noise into work.noise.
-
-    Needs work.gradient, the gravity gradient at x.
-    """
-    phi = work.phi
-    g = work.gradient
+def set_transition(table, x, dt_s, drag_mps2, gradient, work):
+    """How r and v follow from the states before, into work.motion, and the decays of the others."""
+    motion = work.motion
     basis = work.rtn
     rtn_basis(x, basis)
     half = 0.5 * dt_s * dt_s
-    tau = table.empirical_tau_s
-    to_r = _position_response(dt_s, tau)
-    to_v = _velocity_response(dt_s, tau)
-    phi[:, :] = 0.0
     for i in range(3):
         for j in range(3):
-            phi[i, j] = half * g[i, j]
-            phi[i, 3 + j] = dt_s * half / 3.0 * g[i, j]
-            phi[3 + i, j] = dt_s * g[i, j]
-            phi[3 + i, 3 + j] = half * g[i, j]
-            phi[i, 6 + j] = to_r * basis[i, j]
-            phi[3 + i, 6 + j] = to_v * basis[i, j]
+            g = gradient[i, j]
+            motion[i, j] = half * g
+            motion[i, 3 + j] = dt_s * half / 3.0 * g
+            motion[3 + i, j] = dt_s * g
+            motion[3 + i, 3 + j] = half * g
+        motion[i, i] += 1.0
+        motion[i, 3 + i] += dt_s
+        motion[3 + i, 3 + i] += 1.0
+    to_r = _position_response(dt_s, table.empirical_tau_s)
+    to_v = _velocity_response(dt_s, table.empirical_tau_s)
     for i in range(3):
-        phi[i, i] += 1.0
-        phi[i, 3 + i] += dt_s
-        phi[3 + i, 3 + i] += 1.0
-        phi[6 + i, 6 + i] = math.exp(-dt_s / tau)
-
-    noise = work.noise
-    noise[:, :] = 0.0
-    for axis in range(3):
-        _add_noise(noise, basis[:, axis], 6 + axis, table.empirical_sigma_mps2, tau, dt_s)
-    _add_white(noise, basis[:, 0], table.white_radial_m2ps3, dt_s)
-    _add_white(noise, basis[:, 1], table.white_along_m2ps3, dt_s)
-    _add_white(noise, basis[:, 2], table.white_cross_m2ps3, dt_s)
+        for j in range(3):
+            motion[i, 6 + j] = to_r * basis[i, j]
+            motion[3 + i, 6 + j] = to_v * basis[i, j]
+        motion[i, _DRAG] = _position_response(dt_s, table.drag_tau_s) * drag_mps2[i]
+        motion[3 + i, _DRAG] = _velocity_response(dt_s, table.drag_tau_s) * drag_mps2[i]
+        motion[i, _DRAG + 1] = _position_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
+        motion[3 + i, _DRAG + 1] = _velocity_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
+    set_decays(table, x, dt_s, work)
 
 
 @kernel
-def propagate(p, factor, work, out):
-    """out = Phi P Phi' + factor Q with Phi in work.phi and Q in work.noise; `out` may be `p`."""
-    multiply(work.phi, p, work.square)
-    multiply_transposed(work.square, work.phi, out)
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] += factor * work.noise[i, j]
-    symmetrise(out)
+def set_decays(table, x, dt_s, work):
+    """How the states beside r and v change over a step, into work.decay, work.turn_cos, work.turn_sin."""
+    decay = work.decay
+    empirical = math.exp(-dt_s / table.empirical_tau_s)
+    bias = math.exp(-dt_s / table.gnss_bias_tau_s)
+    for i in range(_AXES):
+        decay[6 + i] = empirical
+        decay[_BIAS + i] = bias
+    decay[_DRAG] = math.exp(-dt_s / table.drag_tau_s)
+    decay[_DRAG + 1] = math.exp(-dt_s / table.drag_slow_tau_s)
+    periodic = math.exp(-dt_s / table.gnss_periodic_tau_s)
+    turned = dt_s * orbital_rate_radps(x)
+    work.turn_cos = periodic * math.cos(turned)
+    work.turn_sin = periodic * math.sin(turned)
+
+
+@kernel
+def carry_others(work, x):
+    """The states beside r and v over the step of `set_decays`, in place."""
+    for i in range(6, _PERIODIC):
+        x[i] *= work.decay[i]
+    for axis in range(_AXES):
+        c = x[_PERIODIC + 2 * axis]
+        s = x[_PERIODIC + 2 * axis + 1]
+        x[_PERIODIC + 2 * axis] = work.turn_cos * c + work.turn_sin * s
+        x[_PERIODIC + 2 * axis + 1] = work.turn_cos * s - work.turn_sin * c
+
+
+@kernel
+def _add_markov(work, at, d0, d1, d2, state, sigma, tau_s, dt_s):
+    """Three columns: noise of a Gauss-Markov acceleration along (d0, d1, d2), held in `state`. Returns the next."""
+    density = 2.0 * sigma * sigma / tau_s
+    for node in range(3):
+        s = _NODES[node] * dt_s  # it has acted for s
+        r = _position_response(s, tau_s)
+        v = _velocity_response(s, tau_s)
+        w = work.W
+        w[0, at] = r * d0
+        w[1, at] = r * d1
+        w[2, at] = r * d2
+        w[3, at] = v * d0
+        w[4, at] = v * d1
+        w[5, at] = v * d2
+        w[state, at] = math.exp(-s / tau_s)
+        work.q[at] = _WEIGHTS[node] * dt_s * density
+        at += 1
+    return at
+
+
+@kernel
+def _add_white(work, at, d0, d1, d2, density, dt_s, tail_s):
+    """Two columns: white acceleration over dt, followed by tail_s without it. Returns the next column."""
+    for node in range(2):
+        s = tail_s + _NODES_WHITE[node] * dt_s
+        w = work.W
+        w[0, at] = s * d0
+        w[1, at] = s * d1
+        w[2, at] = s * d2
+        w[3, at] = d0
+        w[4, at] = d1
+        w[5, at] = d2
+        work.q[at] = 0.5 * dt_s * density
+        at += 1
+    return at
+
+
+@kernel
+def _add_burns(nav, t_gps_ns, dt_s, work, at):
+    """Uncertainty of announced burns that act within the step, as white acceleration of the same final variance."""
+    spare = 12
+    for k in range(nav.burn_duration_ns.shape[0]):
+        if nav.burn_duration_ns[k] == 0 or spare == 0:
+            continue
+        acting_s, tail_s = manoeuvre.overlap_s(nav, k, t_gps_ns, dt_s)
+        if acting_s <= 0.0:
+            continue
+        spare -= 6
+        share = 1.0 / (nav.burn_duration_ns[k] * 1e-9)
+        for axis in range(_AXES):
+            d = work.three
+            manoeuvre.axis_gcrf(nav, k, axis, work.rtn, d)
+            density = nav.burn_sigma_mps[k, axis] ** 2 * share
+            at = _add_white(work, at, d[0], d[1], d[2], density, acting_s, tail_s)
+    return at
+
+
+@kernel
+def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
+    """Factors of the covariance over the step of `set_transition`, from `ud` into `out` (which may be `ud`)."""
+    n = states(table)
+    w = work.W
+    q = work.q
+    w[0:n, :] = 0.0
+    q[:] = 0.0
+    for k in range(n):
+        q[k] = ud[k, k]
+    # transition times U; the first eleven states mix, the others stand alone or in pairs
+    motion = work.motion
+    for i in range(6):
+        row = w[i]
+        for j in range(DYNAMIC_STATES):
+            m = motion[i, j]
+            row[j] += m
+            for k in range(j + 1, n):
+                row[k] += m * ud[j, k]
+    for i in range(6, min(n, _PERIODIC)):
+        w[i, i] = work.decay[i]
+        for k in range(i + 1, n):
+            w[i, k] = work.decay[i] * ud[i, k]
+    if n > _PERIODIC:
+        for axis in range(_AXES):
+            c = _PERIODIC + 2 * axis
+            w[c, c] = work.turn_cos
+            w[c, c + 1] = work.turn_cos * ud[c, c + 1] + work.turn_sin
+            w[c + 1, c] = -work.turn_sin
+            w[c + 1, c + 1] = work.turn_cos - work.turn_sin * ud[c, c + 1]
+            for k in range(c + 2, n):
+                w[c, k] = work.turn_cos * ud[c, k] + work.turn_sin * ud[c + 1, k]
+                w[c + 1, k] = work.turn_cos * ud[c + 1, k] - work.turn_sin * ud[c, k]
+
+    at = n
+    basis = work.rtn
+    for axis in range(_AXES):
+        at = _add_markov(
+            work,
+            at,
+            basis[0, axis],
+            basis[1, axis],
+            basis[2, axis],
+            6 + axis,
+            table.empirical_sigma_mps2,
+            table.empirical_tau_s,
+            dt_s,
+        )
+    d0 = drag_mps2[0]
+    d1 = drag_mps2[1]
+    d2 = drag_mps2[2]
+    at = _add_markov(work, at, d0, d1, d2, _DRAG, table.drag_sigma, table.drag_tau_s, dt_s)
+    at = _add_markov(work, at, d0, d1, d2, _DRAG + 1, table.drag_slow_sigma, table.drag_slow_tau_s, dt_s)
+    for axis in range(_AXES):
+        density = table.white_radial_m2ps3
+        if axis == 1:
+            density = table.white_along_m2ps3
+        elif axis == 2:
+            density = table.white_cross_m2ps3
+        if density > 0.0:
+            at = _add_white(work, at, basis[0, axis], basis[1, axis], basis[2, axis], density, dt_s, 0.0)
+    if n > _BIAS:
+        drive = table.gnss_bias_sigma_m**2 * -math.expm1(-2.0 * dt_s / table.gnss_bias_tau_s)
+        for axis in range(_AXES):
+            w[_BIAS + axis, at] = 1.0
+            q[at] = drive
+            at += 1
+    if n > _PERIODIC:
+        drive = table.gnss_periodic_sigma_m**2 * -math.expm1(-2.0 * dt_s / table.gnss_periodic_tau_s)
+        for state in range(_PERIODIC, STATES):
+            w[state, at] = 1.0
+            q[at] = drive
+            at += 1
+    at = _add_burns(nav, t_gps_ns, dt_s, work, at)
+    udu.orthogonalise(w, q, n, min((at + 3) // 4 * 4, NOISE_WIDTH), work.scaled, out)
+
+
+@kernel
+def start(table, x, sigma_r_m, sigma_v_mps, work, ud):
+    """Factors of the covariance of a state that was just taken from one fix, all other states unknown.
+
+    What the fix's position has of lasting GNSS errors is at once an error of r and a state of its own.
+    """
+    n = states(table)
+    p = work.P_start
+    p[:, :] = 0.0
+    for i in range(_AXES):
+        p[i, i] = sigma_r_m * sigma_r_m
+        p[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
+        p[6 + i, 6 + i] = table.empirical_sigma_mps2**2
+    p[_DRAG, _DRAG] = table.drag_sigma**2
+    p[_DRAG + 1, _DRAG + 1] = table.drag_slow_sigma**2
+    rtn_basis(x, work.rtn)
+    if n > _BIAS:
+        variance = table.gnss_bias_sigma_m**2
+        for j in range(_AXES):
+            p[_BIAS + j, _BIAS + j] = variance
+            for i in range(_AXES):
+                _relate(p, i, _BIAS + j, -work.rtn[i, j] * variance)
+            p[j, j] += variance
+    if n > _PERIODIC:
+        variance = table.gnss_periodic_sigma_m**2
+        for j in range(_AXES):
+            state = _PERIODIC + 2 * j
+            p[state, state] = variance
+            p[state + 1, state + 1] = variance
+            for i in range(_AXES):
+                _relate(p, i, state, -work.rtn[i, j] * variance)
+            p[j, j] += variance
+    return udu.factorise(p, n, ud)
+
+
+@kernel
+def _relate(p, i, j, value):
+    p[i, j] = value
+    p[j, i] = value

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 
 from flightsw.icd.alerts import AlertId
-from flightsw.icd.enums import FlagState, Validity, Verdict
+from flightsw.icd.enums import EditMode, FlagState, Validity, Verdict
 from flightsw.kernels import frames
 from flightsw.kernels.integrators import rk4
 from flightsw.kernels.registry import kernel
 from flightsw.modes import AUTONOMOUS, INIT
-from flightsw.nav.chain import HELD, is_overdue
+from flightsw.nav import clock, flight_model, manoeuvre
+from flightsw.nav.chain import HELD, grid_step_ns, is_overdue
+from flightsw.nav.measurement import editing
 from flightsw.nav.stored_acceleration import coverage_pct
+from flightsw.records import MEASUREMENTS, TYPES
 
 _RAISED = int(FlagState.RAISED)
 _STALE = int(FlagState.STALE)
@@ -26,6 +29,11 @@ _FLAG_RAISED_BIT = 1 << int(AlertId.FLAG_RAISED)
 _BOUND_STALE_BIT = 1 << int(AlertId.BOUND_STALE)
 _OUTAGE_BIT = 1 << int(AlertId.OUTAGE_START)
 _DA_MISSING_BIT = 1 << int(AlertId.STORED_DA_MISSING)
+_FORCES_BIT = 1 << int(AlertId.FORCES_EXPIRED)
+_BURN_BIT = 1 << int(AlertId.BURN_ACTIVE)
+_SLOW_FAULT_BIT = 1 << int(AlertId.SLOW_FAULT)
+_EDITING_BIT = 1 << int(AlertId.EDITING_OVERRIDDEN)
+_AUTO = int(EditMode.AUTO)
 _ORIENTATION_BIT = 1 << int(AlertId.EARTH_ORIENTATION_EXPIRED)
 
 
@@ -39,6 +47,18 @@ def _nothing(out):
     out.bound_3d_m = math.nan
     out.fix_age_s = math.nan
     out.outage_age_s = 0.0
+    out.covariance[:, :] = math.nan
+    out.drag_scale = math.nan
+
+
+@kernel
+def _covariance(nav, table, out):
+    """Covariance of the newest epoch, and the drag scale that is estimated beside it."""
+    flying = table.filter_model == flight_model.FLIGHT
+    for i in range(MEASUREMENTS):
+        for j in range(MEASUREMENTS):
+            out.covariance[i, j] = nav.covariance[i, j] if flying else nav.P[i, j]
+    out.drag_scale = 1.0 + nav.x[9] + nav.x[10] if flying else 1.0
 
 
 @kernel
@@ -48,7 +68,11 @@ def _state_at(nav, table, t_gps_ns, work, out):
     x[:] = nav.x
     for i in range(3):
         x[6 + i] = nav.beyond_mps2[i]
-    rk4(table, x, (t_gps_ns - nav.t_gps_ns) * 1e-9, nav.pole, work.stages)
+    dt_s = (t_gps_ns - nav.t_gps_ns) * 1e-9
+    rk4(table, x, dt_s, nav.pole, work.stages)
+    if manoeuvre.is_active(nav, nav.t_gps_ns, dt_s):
+        flight_model.rtn_basis(nav.x, work.burn_rtn)
+        manoeuvre.apply(nav, nav.t_gps_ns, dt_s, work.burn_rtn, work, x)
     for i in range(3):
         out.r_gcrf_m[i] = x[i]
         out.v_gcrf_mps[i] = x[3 + i]
@@ -56,7 +80,7 @@ def _state_at(nav, table, t_gps_ns, work, out):
 
 
 @kernel
-def publish(nav, table, eop, t_gps_ns, work, out):
+def publish(nav, table, model, t_gps_ns, work, out):
     """Fill the output record for the stamp; t_gps_ns is ignored while the clock is not valid."""
     out.mode = nav.mode
     out.flag = nav.flag
@@ -73,12 +97,16 @@ def publish(nav, table, eop, t_gps_ns, work, out):
     if nav.clock_valid:
         out.validity |= _TIME_VALID
         out.t_gps_ns = t_gps_ns
-        if not frames.covers(eop, t_gps_ns):
+        if not frames.covers(model.eop, t_gps_ns):
             out.alerts |= _ORIENTATION_BIT
+        out.sigma_time_s = math.sqrt(clock.phase_variance_s2(nav, table, t_gps_ns))
+        if manoeuvre.is_active(nav, t_gps_ns, 1e-9):
+            out.alerts |= _BURN_BIT
 
     if nav.clock_valid and nav.initialised:
         out.validity |= _HAS_STATE
         _state_at(nav, table, t_gps_ns, work, out)
+        _covariance(nav, table, out)
         out.fix_age_s = (t_gps_ns - nav.t_fix_gps_ns) * 1e-9
         out.outage_age_s = out.fix_age_s if out.fix_age_s > table.autonomous_after_s else 0.0
         if is_overdue(nav, table, t_gps_ns):
@@ -88,7 +116,7 @@ def publish(nav, table, eop, t_gps_ns, work, out):
             out.bound_m = nav.bound_own_m
             out.bound_3d_m = nav.bound_own_3d_m
         # A chain that has not caught up with the stamp has no bound for it.
-        if t_gps_ns - nav.t_gps_ns > table.nav_step_ns:
+        if t_gps_ns - nav.t_gps_ns > grid_step_ns(nav, table):
             out.bound_m = math.nan
             out.bound_3d_m = math.nan
             if out.flag != _RAISED:
@@ -107,6 +135,11 @@ def publish(nav, table, eop, t_gps_ns, work, out):
     if out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING:
         out.validity |= _STATE_VALID
 
+    for kind in range(TYPES):
+        if nav.excluded[kind]:
+            out.alerts |= _SLOW_FAULT_BIT
+        if editing(nav, table, kind) != _AUTO:
+            out.alerts |= _EDITING_BIT
     if out.flag == _RAISED:
         out.alerts |= _FLAG_RAISED_BIT
     if out.flag == _STALE:

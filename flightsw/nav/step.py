@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 
 from flightsw.icd.alerts import AlertId
-from flightsw.icd.enums import RejectCause
+from flightsw.icd.enums import EditMode, NavCommand, RejectCause
 from flightsw.integrity import failure_flag
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
-from flightsw.nav import chain, clock, fix, fix_checks
+from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre
 from flightsw.nav.dynamics import Model
 from flightsw.nav.publish import publish
 from flightsw.records import (
@@ -28,16 +28,41 @@ from flightsw.records import (
     ORIENTATION,
     OUTPUT,
     TABLE,
+    TYPES,
     WORK,
 )
 
 _CLOCK_UNSET = int(RejectCause.CLOCK_UNSET)
 _TIME_JUMP = int(RejectCause.TIME_JUMP)
 _SYNC_JUMP = int(RejectCause.SYNC_JUMP)
+_BURN_LATE = int(RejectCause.BURN_LATE)
+_COMMAND_INVALID = int(RejectCause.COMMAND_INVALID)
+_EDIT = int(NavCommand.EDIT)
+_RESET_FILTER = int(NavCommand.RESET_FILTER)
+_INHIBIT = int(EditMode.INHIBIT)
+_BURN_REFUSED = 1 << int(AlertId.BURN_REFUSED)
+_DIVERGED = 1 << int(AlertId.DIVERGED)
 _TIME_JUMP_REJECTED = 1 << int(AlertId.TIME_JUMP_REJECTED)
 _CLOCK_REINITIALISED = 1 << int(AlertId.CLOCK_REINITIALISED)
 # Steps of the grid that one call may take: bounds the work of a tick after a stall. The rest follows in later ticks.
 _CATCH_UP = 256
+
+
+@kernel
+def _raise(nav):
+    """Raise the flag whatever the bound says; only fixes that have proven the state clear it."""
+    if nav.flag != failure_flag.RAISED:
+        nav.flag = failure_flag.RAISED
+        nav.flag_age_s = (nav.t_gps_ns - nav.t_fix_gps_ns) * 1e-9 if nav.initialised else 0.0
+
+
+@kernel
+def _give_up(nav):
+    """Forget the state; the flag stays up until fixes have proven a new one."""
+    _raise(nav)
+    nav.initialised = 0
+    nav.candidate_count = 0
+    nav.arc_count = 0
 
 
 @kernel
@@ -54,14 +79,11 @@ def _keep_time(nav, table, inp, out):
     if outcome == clock.RESTARTED:
         # Every time stamp held so far belongs to the old time.
         out.events |= _CLOCK_REINITIALISED
-        if nav.initialised and nav.flag != failure_flag.RAISED:
-            nav.flag_age_s = (nav.t_gps_ns - nav.t_fix_gps_ns) * 1e-9
-        nav.initialised = 0
+        _give_up(nav)
         nav.t_seen_gps_ns = 0
         nav.t_evaluated_gps_ns = 0
-        nav.candidate_count = 0
+        nav.attitude_gps_ns = 0
         nav.da_samples[:] = 0
-        nav.flag = failure_flag.RAISED
     elif outcome >= 0:
         nav.rejected[outcome] += 1
         if outcome == _SYNC_JUMP:
@@ -86,6 +108,36 @@ def _take_fix(nav, table, model, inp, work, out):
     out.fix_gps_ns = inp.fix_gps_ns
     out.fix_cause = cause
     out.fix_used = 1 if cause < 0 else 0
+
+
+@kernel
+def _take_burn(nav, table, model, inp, work, out):
+    """An announced manoeuvre. One that comes too late leaves an error that no bound knows of: the flag is raised."""
+    if not nav.clock_valid:
+        nav.rejected[_CLOCK_UNSET] += 1
+        return
+    t_now = clock.gps_at(nav, inp.counter_now_ns)
+    slot = manoeuvre.announce(nav, table, inp, t_now)
+    if slot <= manoeuvre.REFUSED:
+        cause = manoeuvre.REFUSED - slot
+        nav.rejected[cause] += 1
+        out.events |= _BURN_REFUSED
+        if cause == _BURN_LATE:
+            _raise(nav)
+    elif slot != manoeuvre.KNOWN and nav.initialised:
+        chain.catch_up(nav, table, model, slot, work)
+
+
+@kernel
+def _obey(nav, table, inp):
+    """A command of the operator."""
+    if inp.command_id == _EDIT and 0 <= inp.command_target < TYPES and 0 <= inp.command_value <= _INHIBIT:
+        nav.edit_ordered[inp.command_target] = 1 + inp.command_value
+    elif inp.command_id == _RESET_FILTER:
+        _give_up(nav)
+        nav.excluded[:] = 0
+    else:
+        nav.rejected[_COMMAND_INVALID] += 1
 
 
 @entry(
@@ -134,8 +186,22 @@ def step(
         out.innovation[i] = math.nan
         out.innovation_sigma[i] = math.nan
 
+    for kind in range(TYPES):
+        out.type_cause[kind] = flight_filter.ABSENT
+        out.type_nis[kind] = math.nan
+        out.type_gate[kind] = math.nan
+    out.monitor_statistic = 0.0
+
     if inp.pulse_present:
         _keep_time(nav, table, inp, out)
+    if inp.command_present:
+        _obey(nav, table, inp)
+    if inp.attitude_present:
+        cause = antenna.take_attitude(nav, inp)
+        if cause >= 0:
+            nav.rejected[cause] += 1
+    if inp.burn_present:
+        _take_burn(nav, table, model, inp, work, out)
     if inp.fix_present:
         _take_fix(nav, table, model, inp, work, out)
     t_now = clock.gps_at(nav, inp.counter_now_ns) if nav.clock_valid else 0
@@ -143,13 +209,17 @@ def step(
     age_s = 0.0
     if nav.initialised:
         steps = 0
-        while nav.t_gps_ns + table.nav_step_ns <= t_now and steps < _CATCH_UP:
+        while nav.t_gps_ns + chain.grid_step_ns(nav, table) <= t_now and steps < _CATCH_UP:
             chain.advance(nav, table, model, work)
             steps += 1
+        if table.filter_model == flight_model.FLIGHT and not flight_filter.is_sound(table, nav.x, nav.UD):
+            out.events |= _DIVERGED
+            _give_up(nav)
+    if nav.initialised:
         age_s = (t_now - nav.t_fix_gps_ns) * 1e-9
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
         nav.da_bin = -1  # the passage of a bin of stored dA ends with the fixes
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
-    publish(nav, table, model.eop, t_now, work, out)
+    publish(nav, table, model, t_now, work, out)

@@ -1,0 +1,234 @@
+"""A fix in the flight filter: lever arm, position, velocity, the monitor of slow faults."""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.enums import MeasurementType, RejectCause
+from flightsw.kernels import udu
+from flightsw.kernels.registry import kernel
+from flightsw.nav import antenna, flight_model, manoeuvre, measurement, monitor
+from flightsw.records import TYPES
+
+_POSITION = int(MeasurementType.POSITION)
+_VELOCITY = int(MeasurementType.VELOCITY)
+_STARTING = int(RejectCause.STARTING)
+_GATE = int(RejectCause.GATE)
+_OPERATOR = int(RejectCause.OPERATOR)
+_SLOW_FAULT = 1 << int(AlertId.SLOW_FAULT)
+_MANOEUVRE = 1 << int(AlertId.MANOEUVRE_DETECTED)
+
+USED = measurement.USED
+ABSENT = measurement.ABSENT
+
+
+@kernel
+def widen(table, ud, c, position, velocity, variance, work):
+    """Add variance * a a' to the covariance, a with `position` and `velocity` (GCRF component c) in r and v."""
+    n = flight_model.states(table)
+    _load(ud, n, work)
+    work.W[c, n] = position
+    work.W[3 + c, n] = velocity
+    work.q[n] = variance
+    udu.orthogonalise(work.W, work.q, n, (n + 4) // 4 * 4, work.scaled, ud)
+
+
+@kernel
+def widen_by_burn(nav, table, slot, passed_s, work):
+    """Uncertainty of the part of an announced burn that had passed when it was announced; work.burn_rtn is set."""
+    share = passed_s / (nav.burn_duration_ns[slot] * 1e-9)
+    acting_s = min(passed_s, nav.burn_duration_ns[slot] * 1e-9)
+    reach_s = passed_s - 0.5 * acting_s
+    n = flight_model.states(table)
+    _load(nav.UD, n, work)
+    for j in range(3):
+        manoeuvre.axis_gcrf(nav, slot, j, work.burn_rtn, work.three)
+        for i in range(3):
+            work.W[i, n + j] = reach_s * work.three[i]
+            work.W[3 + i, n + j] = work.three[i]
+        work.q[n + j] = min(share, 1.0) * nav.burn_sigma_mps[slot, j] ** 2
+    udu.orthogonalise(work.W, work.q, n, (n + 6) // 4 * 4, work.scaled, nav.UD)
+
+
+@kernel
+def _load(ud, n, work):
+    """The factors themselves as columns of work.W, for columns to be added."""
+    work.W[0:n, :] = 0.0
+    work.q[:] = 0.0
+    for k in range(n):
+        work.q[k] = ud[k, k]
+        work.W[k, k] = 1.0
+        for i in range(k):
+            work.W[i, k] = ud[i, k]
+
+
+@kernel
+def is_sound(table, x, ud):
+    """Whether the state is finite and in orbit, and the factors are those of a covariance."""
+    n = flight_model.states(table)
+    for i in range(n):
+        if not (abs(x[i]) < 1e300) or not (ud[i, i] >= 0.0 and ud[i, i] < 1e300):
+            return False
+        for j in range(i + 1, n):
+            if not (abs(ud[i, j]) < 1e300):
+                return False
+    r2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+    return r2 > table.radius_min_m**2 and r2 < table.radius_max_m**2
+
+
+@kernel
+def _take_sigmas(table, row, inp, kind, work):
+    for axis in range(3):
+        if kind == _POSITION:
+            work.sigma[axis] = max(inp.fix_sigma_r_m[axis], table.tuning_sigma_r_floor_m[row])
+        else:
+            work.sigma[axis] = max(inp.fix_sigma_v_mps[axis], table.tuning_sigma_v_floor_mps[row])
+
+
+@kernel
+def _test(nav, table, row, inp, kind, gate, work, out):
+    """Evaluate and judge one type into the record; returns its cause."""
+    _take_sigmas(table, row, inp, kind, work)
+    nis = measurement.evaluate(table, kind, work.x, work.UD, work, out)
+    if math.isfinite(nis):
+        measurement.keep_weight(kind, work)
+    cause = measurement.judge(nav, table, kind, nis, gate)
+    out.type_nis[kind] = nis
+    out.type_gate[kind] = gate
+    out.type_cause[kind] = cause
+    return cause
+
+
+@kernel
+def _may_return(nav, table, kind, work):
+    """An excluded type is watched; once it fits the state again it is let back in."""
+    monitor.whiten_excluded(nav, kind, work)
+    nav.monitor_good += 1
+    if monitor.has_recovered(nav, table, kind):
+        nav.excluded[kind] = 0
+        monitor.forget(nav)
+
+
+@kernel
+def correct(nav, table, row, inp, work, out):
+    """Correct work.x, work.UD at the time of the fix in work.z. Returns the cause of its position.
+
+    A velocity goes with its position: where the gate or the monitor refuses the one, the receiver is not trusted for
+    the other. Where the operator leaves positions out, velocities serve alone.
+    """
+    antenna.offset(nav, table, inp.fix_gps_ns, work.x, work, work.lever_m, work.three)
+    for i in range(3):
+        work.z[i] -= work.lever_m[i]
+        work.z[3 + i] -= work.three[i]
+    starting = nav.streak == 0 and nav.fixes_accepted > 0
+    gate = table.gate_start_nis if starting else table.gate_continue_nis
+    out.gate = gate
+    for kind in range(TYPES):
+        out.type_cause[kind] = ABSENT
+        out.type_nis[kind] = math.nan
+        out.type_gate[kind] = gate
+
+    alone = measurement.is_inhibited(nav, table, _POSITION)
+    cause = measurement.ABSENT
+    used_position = False
+    gain = 0.0
+    if not alone:
+        cause = _test(nav, table, row, inp, _POSITION, gate, work, out)
+        if nav.excluded[_POSITION]:
+            _may_return(nav, table, _POSITION, work)
+        if cause == USED and starting:
+            nav.start_count += 1
+            if nav.start_count < table.start_fixes:
+                cause = _STARTING
+                out.type_cause[_POSITION] = cause
+        elif cause == _GATE:
+            nav.start_count = 0
+        if cause == USED:
+            used_position = True
+            gain = measurement.correct(table, work.x, work.UD, work)
+            nav.start_count = 0
+        alone = cause == _OPERATOR
+    else:
+        cause = _OPERATOR
+        out.type_cause[_POSITION] = cause
+
+    used_velocity = False
+    if inp.fix_has_velocity and not measurement.is_inhibited(nav, table, _VELOCITY):
+        velocity = _test(nav, table, row, inp, _VELOCITY, gate, work, out)
+        if nav.excluded[_VELOCITY]:
+            _may_return(nav, table, _VELOCITY, work)
+        if velocity == USED and not used_position and not alone:
+            velocity = cause
+            out.type_cause[_VELOCITY] = cause
+        if velocity == USED:
+            used_velocity = True
+            measurement.correct(table, work.x, work.UD, work)
+    out.nis = _total(out.type_nis[_POSITION], out.type_nis[_VELOCITY])
+    if table.monitor_use:
+        _watch(nav, table, inp, used_position, used_velocity, gain, work, out)
+    return cause
+
+
+@kernel
+def _total(position, velocity):
+    """NIS of what was tested."""
+    if math.isnan(position):
+        return velocity
+    return position if math.isnan(velocity) else position + velocity
+
+
+@kernel
+def degrees_of_freedom(out):
+    """Of out.nis."""
+    total = 0.0
+    for kind in range(TYPES):
+        if not math.isnan(out.type_nis[kind]):
+            total += 3.0
+    return total
+
+
+@kernel
+def _watch(nav, table, inp, used_position, used_velocity, gain, work, out):
+    """Let the monitor see the innovations; act on what it finds."""
+    if not (used_position or used_velocity) or nav.streak < table.monitor_settle_fixes:
+        return
+    slot = monitor.observe(nav, table, inp.fix_gps_ns, used_position, used_velocity, gain, work)
+    out.monitor_statistic = nav.monitor_statistic
+    out.monitor_kind = nav.monitor_kind
+    if slot == monitor.NOTHING:
+        return
+    sigma = monitor.fault_size(nav, slot, work)
+    age_s = (inp.fix_gps_ns - nav.monitor_t_gps_ns[slot]) * 1e-9
+    size2 = sigma * sigma
+    for i in range(3):
+        size2 += work.residual[i] ** 2
+    if nav.monitor_kind == monitor.MANOEUVRE:
+        out.events |= _MANOEUVRE
+        for c in range(3):
+            widen(table, work.UD, c, age_s, 1.0, size2, work)
+    else:
+        out.events |= _SLOW_FAULT
+        kind = _VELOCITY if nav.monitor_kind == monitor.VELOCITY_BIAS else _POSITION
+        nav.excluded[kind] = 1
+        nav.monitor_good = 0
+        nav.monitor_sum[:, :] = 0.0
+        absorbed = 2.0 * nav.monitor_absorbed[slot, nav.monitor_kind]
+        for c in range(3):
+            widen(table, work.UD, c, absorbed, 0.0, size2, work)
+    monitor.forget(nav)
+
+
+@kernel
+def position_covariance(nav, table, t_gps_ns, ud, v_gcrf_mps, time_variance_s2, work):
+    """Covariance of the published position at t into work.P_rv: of the state, of the stamp (along v), of the antenna.
+
+    Also of the velocity, which the last two leave as it is.
+    """
+    p = work.P_rv
+    udu.covariance(ud, flight_model.states(table), 6, p)
+    lever = antenna.sigma_m(nav, table, t_gps_ns) ** 2
+    for i in range(3):
+        for j in range(3):
+            p[i, j] += time_variance_s2 * v_gcrf_mps[i] * v_gcrf_mps[j]
+        p[i, i] += lever

@@ -1,0 +1,168 @@
+"""Monitor of slow faults: which onset, and which sort of fault, do the innovations of the last minutes speak for?
+
+A generalised likelihood ratio test (A. S. Willsky and H. L. Jones, IEEE Trans. AC-21 (1976) 108) over a bank of onsets
+and four hypotheses: an unannounced change of velocity, a ramp of the measured position, a step of it, a bias of the
+measured velocity. Innovations of a healthy filter are white with covariance S, so under no fault each statistic is
+chi-square with three degrees of freedom, whatever the filter does. A fault of a receiver is excluded; a manoeuvre is
+the satellite's and opens the covariance. A receiver that lies consistently in position and velocity is a manoeuvre
+to any test of a single receiver: that it cannot see.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.icd.enums import FaultKind, MeasurementType
+from flightsw.kernels.linalg import cholesky, solve_lower
+from flightsw.kernels.registry import kernel
+from flightsw.records import MONITOR_HYPOTHESES, MONITOR_SLOTS
+
+MANOEUVRE = int(FaultKind.MANOEUVRE)
+POSITION_RAMP = int(FaultKind.POSITION_RAMP)
+POSITION_STEP = int(FaultKind.POSITION_STEP)
+VELOCITY_BIAS = int(FaultKind.VELOCITY_BIAS)
+POSITION = int(MeasurementType.POSITION)
+VELOCITY = int(MeasurementType.VELOCITY)
+
+NOTHING = -1
+# every fix tests a quarter of the onsets: a fault is found at most three fixes later
+_TURNS = 4
+
+
+@kernel
+def forget(nav):
+    """Close all onsets: after an outage, a new start, a change of what is used."""
+    nav.monitor_t_gps_ns[:] = 0
+    nav.monitor_statistic = 0.0
+    nav.monitor_kind = MANOEUVRE
+
+
+@kernel
+def _open(nav, t_gps_ns):
+    k = nav.monitor_next
+    nav.monitor_next = (k + 1) % MONITOR_SLOTS
+    nav.monitor_t_gps_ns[k] = t_gps_ns
+    nav.monitor_information[k] = 0.0
+    nav.monitor_evidence[k] = 0.0
+    nav.monitor_absorbed[k] = 0.0
+
+
+@kernel
+def _gather(nav, k, hypothesis, signature, weight, innovation):
+    """Add a measurement that the fault would shift by signature times its size."""
+    information = nav.monitor_information[k, hypothesis]
+    evidence = nav.monitor_evidence[k, hypothesis]
+    at = 0
+    for i in range(3):
+        for j in range(i, 3):
+            information[at] += signature * signature * weight[i, j]
+            at += 1
+        total = 0.0
+        for j in range(3):
+            total += weight[i, j] * innovation[j]
+        evidence[i] += signature * total
+
+
+@kernel
+def _solve(nav, k, hypothesis, work):
+    """Statistic b' J^-1 b of one onset and hypothesis; leaves L^-1 b in work.three. Zero while J is singular."""
+    information = nav.monitor_information[k, hypothesis]
+    j = work.S
+    at = 0
+    for row in range(3):
+        for column in range(row, 3):
+            j[row, column] = information[at]
+            j[column, row] = information[at]
+            at += 1
+    if not cholesky(j, work.S_lower):
+        return 0.0
+    solve_lower(work.S_lower, nav.monitor_evidence[k, hypothesis], work.three)
+    return work.three[0] ** 2 + work.three[1] ** 2 + work.three[2] ** 2
+
+
+@kernel
+def observe(nav, table, t_gps_ns, used_position, used_velocity, gain_position, work):
+    """Take the innovations of a fix (work.innovation_type, work.weight_type: S^-1) and test.
+
+    gain_position: mean gain of position by position, for what the state absorbs of a fault. Returns the slot of the
+    most likely onset where the statistic exceeds the threshold, else NOTHING; its kind is nav.monitor_kind.
+    """
+    nav.monitor_statistic = 0.0
+    if nav.fixes_accepted % table.monitor_step_fixes == 0:
+        _open(nav, t_gps_ns)
+    best = NOTHING
+    for k in range(MONITOR_SLOTS):
+        onset = nav.monitor_t_gps_ns[k]
+        if onset == 0:
+            continue
+        age_s = (t_gps_ns - onset) * 1e-9
+        if used_position:
+            weight = work.weight_type[POSITION]
+            innovation = work.innovation_type[POSITION]
+            absorbed = nav.monitor_absorbed[k]
+            _gather(nav, k, MANOEUVRE, age_s - absorbed[MANOEUVRE], weight, innovation)
+            _gather(nav, k, POSITION_RAMP, age_s - absorbed[POSITION_RAMP], weight, innovation)
+            _gather(nav, k, POSITION_STEP, 1.0 - absorbed[POSITION_STEP], weight, innovation)
+            absorbed[MANOEUVRE] += gain_position * (age_s - absorbed[MANOEUVRE])
+            absorbed[POSITION_RAMP] += gain_position * (age_s - absorbed[POSITION_RAMP])
+            absorbed[POSITION_STEP] += gain_position * (1.0 - absorbed[POSITION_STEP])
+        if used_velocity:
+            weight = work.weight_type[VELOCITY]
+            innovation = work.innovation_type[VELOCITY]
+            _gather(nav, k, MANOEUVRE, 1.0, weight, innovation)
+            _gather(nav, k, VELOCITY_BIAS, 1.0, weight, innovation)
+        if k % _TURNS != nav.fixes_accepted % _TURNS:
+            continue
+        for hypothesis in range(MONITOR_HYPOTHESES):
+            statistic = _solve(nav, k, hypothesis, work)
+            if statistic > nav.monitor_statistic:
+                nav.monitor_statistic = statistic
+                nav.monitor_kind = hypothesis
+                best = k
+    return best if nav.monitor_statistic > table.monitor_threshold else NOTHING
+
+
+@kernel
+def fault_size(nav, k, work):
+    """Most likely fault of nav.monitor_kind with onset k: its size J^-1 b into work.residual.
+
+    Returns the largest standard deviation of its components.
+    """
+    hypothesis = nav.monitor_kind
+    _solve(nav, k, hypothesis, work)
+    lower = work.S_lower
+    y = work.three
+    size = work.residual
+    size[2] = y[2] / lower[2, 2]
+    size[1] = (y[1] - lower[2, 1] * size[2]) / lower[1, 1]
+    size[0] = (y[0] - lower[1, 0] * size[1] - lower[2, 0] * size[2]) / lower[0, 0]
+    smallest = min(lower[0, 0], min(lower[1, 1], lower[2, 2]))
+    return math.sqrt(3.0) / smallest
+
+
+@kernel
+def whiten_excluded(nav, kind, work):
+    """Add the whitened innovation of an excluded type to the sum that decides about its return."""
+    lower = work.S_lower
+    y = work.three
+    solve_lower(lower, work.innovation_type[kind], y)
+    for i in range(3):
+        nav.monitor_sum[kind, i] += y[i]
+
+
+@kernel
+def has_recovered(nav, table, kind):
+    """Whether the last fixes of an excluded type fit the state again: their mean, over a full window.
+
+    The sum of n white innovations has variance n: it must lie within three sigma of nothing, axis by axis.
+    """
+    if nav.monitor_good < table.monitor_clear_fixes:
+        return False
+    limit = 3.0 * math.sqrt(1.0 * nav.monitor_good)
+    recovered = True
+    for i in range(3):
+        if not (abs(nav.monitor_sum[kind, i]) <= limit):
+            recovered = False
+        nav.monitor_sum[kind, i] = 0.0
+    nav.monitor_good = 0
+    return recovered
