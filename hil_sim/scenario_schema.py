@@ -40,9 +40,9 @@ class Time(Section, kw_only=True, frozen=True):
 class Orbit(Section, frozen=True):
     """Where the truth comes from: osculating elements in GCRF at the start, or a file of a real orbit."""
 
-    source: Annotated[str, Meta(pattern="^(propagated|sp3|georb)$", description="propagated, sp3 or georb")] = (
-        "propagated"
-    )
+    source: Annotated[
+        str, Meta(pattern="^(propagated|file|sp3|georb)$", description="propagated, or file (sp3, georb: the same)")
+    ] = "propagated"
     period_s: Annotated[float, _range(5200.0, 7700.0, "the Keplerian period in seconds")] | None = None
     semi_major_axis_m: Annotated[float, _range(6.5e6, 8.5e6, "semi-major axis in metres")] | None = None
     eccentricity: Annotated[float, _range(0.0, 0.2, "eccentricity")] = 0.001
@@ -54,8 +54,12 @@ class Orbit(Section, frozen=True):
     satellite: str | None = None
     velocity_unit: Annotated[
         str,
-        Meta(pattern="^(auto|dm/s|m/s)$", description="auto, dm/s or m/s (velocities of SP3)"),
+        Meta(pattern="^(auto|dm/s|m/s|km/s|derive)$", description="auto, dm/s, m/s, km/s, or derive from positions"),
     ] = "auto"
+    time_scale: (
+        Annotated[str, Meta(pattern="^(gps|utc|tai|tt)$", description="gps, utc, tai or tt instead of the file's")]
+        | None
+    ) = None
 
 
 class TruthModel(Section, frozen=True):
@@ -179,7 +183,7 @@ def _check_orbit(orbit: Orbit) -> Iterator[Problem]:
             )
             return
         if orbit.file is not None:
-            yield Problem("orbit.file", "a propagated orbit reads no file", 'set source = "sp3" or "georb"')
+            yield Problem("orbit.file", "a propagated orbit reads no file", 'set source = "file"')
         if perigee_altitude_m(orbit) < MINIMUM_ALTITUDE_M:
             yield Problem(
                 "orbit.eccentricity",

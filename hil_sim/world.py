@@ -12,14 +12,15 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hil_sim import faults, frames, gps_time
+from hil_sim import announcements, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
 from hil_sim.scenario import LoadedScenario, resolve_data_file
 from hil_sim.sensors import gnss_receiver
+from hil_sim.sensors.attitude import Pointing
 from hil_sim.sensors.oscillator import Oscillator
 from hil_sim.sensors.streams import open_streams
-from hil_sim.truth import propagated, replayed
+from hil_sim.truth import burns, propagated, replayed
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.interface import TrackTruth
 
@@ -36,12 +37,16 @@ def build_truth(loaded: LoadedScenario) -> TrackTruth:
     finals, weather = earth_orientation_file(loaded), space_weather_file(loaded)
     orbit = scenario.orbit
     if orbit.source == "propagated":
-        return propagated.propagate(orbit, scenario.truth, start, stop - start, finals, weather)
+        return propagated.propagate(orbit, scenario.truth, start, stop - start, finals, weather, flown_burns(loaded))
     assert orbit.file is not None  # cross_check has seen to it
     path = resolve_data_file(orbit.file, loaded.path, "orbit.file")
-    if orbit.source == "sp3":
-        return replayed.load_sp3(path, start, stop, orbit.satellite, orbit.velocity_unit, finals)
-    return replayed.load_georb(path, start, stop, finals)
+    return replayed.load_truth(path, start, stop, orbit.satellite, orbit.velocity_unit, orbit.time_scale, finals)
+
+
+def flown_burns(loaded: LoadedScenario) -> tuple[burns.FlownBurn, ...]:
+    """The scenario's burns as they are flown, with the errors of execution that its seed gives."""
+    scenario = loaded.scenario
+    return burns.fly(scenario.burn, loaded.t_start_gps_ns, open_streams(scenario.seed).burns) if scenario.burn else ()
 
 
 def earth_orientation_file(loaded: LoadedScenario) -> Path | None:
@@ -117,6 +122,7 @@ class World:
             start + duration_ns,
             jitter_ns,
             streams,
+            Pointing.of(scenario.attitude),
         )
         pulses = gnss_receiver.measure_pulses(
             oscillator, scenario.gnss, scenario.outage, start, start + duration_ns, jitter_ns, streams
@@ -126,6 +132,10 @@ class World:
         sent = injector.corrupt_frames(frames.encode(fixes, pulses))
         # a late frame does not slip into an outage either
         sent = sent.keep(~gnss_receiver.in_outage(sent.arrival_gps_ns, scenario.outage, start))
+        if scenario.burn or scenario.command or scenario.attitude is not None:
+            flown = flown_burns(loaded)
+            others = announcements.encode(scenario, flown, truth, start, start + duration_ns, streams)
+            sent = frames.in_order([sent, injector.corrupt_frames(others, receiver=False)])
         return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent)
 
     def counter_ns(self, k: int) -> int:
@@ -194,6 +204,23 @@ class World:
             "da_t_gps_ns": da_t,
             "da_true_mps2": self.truth.acceleration_residual(da_t),
             "outages": self.outages_gps_ns,
+            **self._burn_arrays(),
+        }
+
+    def _burn_arrays(self) -> dict[str, np.ndarray]:
+        """Burns (k,) of the run; nothing where there are none: start and announcement [s], NaN if it was not announced,
+        commanded and flown velocity change (k,3) [m/s], whether its axes are RTN."""
+        commanded = self.scenario.burn
+        if not commanded:
+            return {}
+        told_s = [announcements.announced_s(burn) for burn in commanded]
+        return {
+            "burn_start_s": np.array([burn.start_s for burn in commanded]),
+            "burn_duration_s": np.array([burn.duration_s for burn in commanded]),
+            "burn_announced_s": np.array([np.nan if t_s is None else t_s for t_s in told_s]),
+            "burn_rtn": np.array([burn.frame == "rtn" for burn in commanded]),
+            "burn_dv_mps": np.array([burn.dv_mps for burn in commanded]),
+            "burn_flown_dv_mps": np.array([burn.dv_mps for burn in flown_burns(self.loaded)]),
         }
 
     def save_truth(self, path: Path) -> None:

@@ -13,7 +13,7 @@ from ground.errors import OperatorError
 
 if TYPE_CHECKING:
     from ground.accuracy.flight_model import FlightModel
-    from ground.accuracy.orbits import RealOrbit
+    from ground.accuracy.orbits import ReferenceOrbit
 
 HELP = "measure the flight models against real orbits, and what they cost"
 # file below the data folder -> the satellite's cross-section by mass [m2/kg], from public figures: GRACE-FO 600 kg and
@@ -122,7 +122,7 @@ def _area_to_mass(path: Path) -> float:
     return next((value for name, value in ORBITS.items() if Path(name).name == path.name), 0.005)
 
 
-def _model(orbit: RealOrbit, gravity: Path | None, settings: dict[str, Any]) -> FlightModel:
+def _model(orbit: ReferenceOrbit, gravity: Path | None, settings: dict[str, Any]) -> FlightModel:
     """The model with the space weather of the middle of the orbit."""
     from ground.accuracy.flight_model import FlightModel
     from ground.tables.gps_time import day_of_gps
@@ -131,7 +131,7 @@ def _model(orbit: RealOrbit, gravity: Path | None, settings: dict[str, Any]) -> 
     return FlightModel(orbit.orientation, gravity, settings, day_of_gps(middle))
 
 
-def _print_forces(model: FlightModel, orbit: RealOrbit, at_most: int | None, peer_starts: int) -> None:
+def _print_forces(model: FlightModel, orbit: ReferenceOrbit, at_most: int | None, peer_starts: int) -> None:
     import numpy as np
 
     from ground.accuracy import forces
@@ -159,7 +159,7 @@ def _print_forces(model: FlightModel, orbit: RealOrbit, at_most: int | None, pee
     print(f"  one step of the state, 4 evaluations: {step_us:.1f} us")
 
 
-def _print_integrators(model: FlightModel, orbit: RealOrbit) -> None:
+def _print_integrators(model: FlightModel, orbit: ReferenceOrbit) -> None:
     from ground.accuracy import forces, integrators
 
     chosen = forces.starts(orbit, 1800, 6)

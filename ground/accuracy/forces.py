@@ -13,7 +13,7 @@ from flightsw.kernels import force_model, spherical_harmonics
 from flightsw.kernels.registry import F8, I8, VECTOR, entry, frozen_records, records
 from flightsw.records import FIELD, FORCE_TABLE, FORCE_WORK, ORIENTATION
 from ground.accuracy.flight_model import FlightModel
-from ground.accuracy.orbits import RealOrbit
+from ground.accuracy.orbits import ReferenceOrbit
 from ground.errors import OperatorError
 from ground.tables.gps_time import NS_PER_S
 from hil_sim.truth.satkit_data import satkit_time, session
@@ -30,7 +30,7 @@ class Errors(NamedTuple):
     error_m: np.ndarray
 
 
-def starts(orbit: RealOrbit, age_s: int, at_most: int | None = None) -> list[int]:
+def starts(orbit: ReferenceOrbit, age_s: int, at_most: int | None = None) -> list[int]:
     """Samples from which the orbit is known for `age_s` more, SPACING_S apart or a little more, none left out.
 
     at_most: evenly thinned to so many.
@@ -46,7 +46,9 @@ def starts(orbit: RealOrbit, age_s: int, at_most: int | None = None) -> list[int
     return found
 
 
-def flight_errors(model: FlightModel, orbit: RealOrbit, age_s: int, at_most: int | None = None) -> tuple[Errors, float]:
+def flight_errors(
+    model: FlightModel, orbit: ReferenceOrbit, age_s: int, at_most: int | None = None
+) -> tuple[Errors, float]:
     """What the flight model errs by after `age_s` from the published states, and its mean time for one [ms]."""
     chosen = starts(orbit, age_s, at_most)
     model.propagate(int(orbit.t_gps_ns[chosen[0]]), orbit.x[chosen[0]], NS_PER_S)  # compiles what is not compiled yet
@@ -57,7 +59,7 @@ def flight_errors(model: FlightModel, orbit: RealOrbit, age_s: int, at_most: int
 
 
 def satkit_errors(
-    orbit: RealOrbit, settings: Mapping[str, Any], degree: int, age_s: int, at_most: int
+    orbit: ReferenceOrbit, settings: Mapping[str, Any], degree: int, age_s: int, at_most: int
 ) -> tuple[Errors, float]:
     """The same with satkit's propagator and EGM2008, and its mean time for one propagation [ms]."""
     chosen = starts(orbit, age_s, at_most)
@@ -87,7 +89,7 @@ def satkit_errors(
     return Errors("satkit", age_s, _against(orbit, chosen, ends, age_s)), spent_ms
 
 
-def _against(orbit: RealOrbit, chosen: list[int], ends: list[np.ndarray], age_s: int) -> np.ndarray:
+def _against(orbit: ReferenceOrbit, chosen: list[int], ends: list[np.ndarray], age_s: int) -> np.ndarray:
     r, _ = orbit.track.evaluate(orbit.t_gps_ns[chosen] + age_s * NS_PER_S)
     return np.abs(np.array(ends)[:, :3] - r).max(axis=1)
 

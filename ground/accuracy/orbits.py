@@ -1,15 +1,12 @@
 """Real precise orbits as tracks in GCRF, turned there by the flight kernels and the flight Earth-orientation table.
 
-SP3 and GEORB files are read as the simulated world reads them; Sentinel AUX_RESORB and AUX_POEORB files (.EOF) here.
+Files are read by the one reader of orbit files, hil_sim.truth.orbit_files; the frames are flight's own.
 """
 
 from __future__ import annotations
 
-import gzip
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -20,15 +17,12 @@ from flightsw.records import FORCE_WORK, ORIENTATION
 from ground.accuracy.flight_model import aligned
 from ground.errors import OperatorError
 from ground.tables.earth_orientation import build_earth_orientation
-from ground.tables.gps_time import NS_PER_S
 from hil_sim.truth.hermite import HermiteTrack
-from hil_sim.truth.replayed import DataError, OrbitSamples, read_georb, read_sp3
-
-_TAI_MINUS_GPS_S = 19
-_GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
+from hil_sim.truth.orbit_files.read import read_orbit as read_file
+from hil_sim.truth.real_orbit import DataError, evenly_spaced
 
 
-class RealOrbit(NamedTuple):
+class ReferenceOrbit(NamedTuple):
     """One satellite's published orbit: name, track in GCRF, times (n,) [GPS ns] and states (n, 6) at its samples."""
 
     name: str
@@ -38,49 +32,26 @@ class RealOrbit(NamedTuple):
     orientation: np.ndarray  # the flight Earth-orientation table that the frames came from, (1,) records.ORIENTATION
 
 
-def read_orbit(path: Path, finals_path: Path | None = None) -> RealOrbit:
-    """The orbit of a file by its name: .sp3, .orb or .EOF, each also gzipped. Raises OperatorError."""
-    suffix = path.name.removesuffix(".gz").rpartition(".")[2].lower()
-    readers = {"sp3": read_sp3, "orb": read_georb, "eof": read_eof}
-    if not path.is_file():
-        raise OperatorError(f"{path}: no such orbit file")
-    if suffix not in readers:
-        raise OperatorError(f"{path}: unknown kind of orbit file; known are .sp3, .orb and .EOF, also with .gz")
+def read_orbit(
+    path: Path,
+    finals_path: Path | None = None,
+    satellite: str | None = None,
+    velocity_unit: str = "auto",
+    time_scale: str | None = None,
+) -> ReferenceOrbit:
+    """The orbit of a file; arguments as in `orbit_files.read.read_orbit`. Raises OperatorError."""
     try:
-        samples: OrbitSamples = readers[suffix](path)
+        found = evenly_spaced(path, read_file(path, satellite, velocity_unit, time_scale))
     except DataError as error:
         raise OperatorError(str(error)) from None
-    steps = np.diff(samples.t_gps_ns)
-    if len(steps) < 8 or steps.min() != steps.max():
-        raise OperatorError(f"{path}: its samples are not evenly spaced; cut out a part without gaps")
-    first, last = int(samples.t_gps_ns[0]), int(samples.t_gps_ns[-1])
-    orientation = aligned(ORIENTATION, decode(build_earth_orientation(first, last, finals_path)).values)
-    r, v = samples.r_m, samples.v_mps
-    if samples.frame == "ITRF":
+    t = found.t_gps_ns
+    orientation = aligned(ORIENTATION, decode(build_earth_orientation(int(t[0]), int(t[-1]), finals_path)).values)
+    r, v = found.r_m, found.v_mps
+    if found.frame == "ITRF":
         r, v = np.empty_like(r), np.empty_like(v)
-        _to_gcrf(orientation, samples.t_gps_ns, samples.r_m, samples.v_mps, np.zeros(1, FORCE_WORK), r, v)
-    track = HermiteTrack(first, int(steps[0]), r, v)
-    return RealOrbit(path.name.partition(".")[0], track, samples.t_gps_ns, np.hstack((r, v)), orientation)
-
-
-def read_eof(path: Path) -> OrbitSamples:
-    """Samples of a Sentinel orbit file (Earth-fixed, TAI read from each state vector), ITRF."""
-    try:
-        raw = path.read_bytes()
-        root = ElementTree.fromstring(gzip.decompress(raw) if path.suffix == ".gz" else raw)
-        frame = root.findtext(".//Ref_Frame")
-        times, states = [], []
-        for vector in root.iter("OSV"):
-            tai = datetime.fromisoformat((vector.findtext("TAI") or "").removeprefix("TAI=")).replace(tzinfo=UTC)
-            since = tai - _GPS_EPOCH
-            times.append((since.days * 86400 + since.seconds - _TAI_MINUS_GPS_S) * NS_PER_S + since.microseconds * 1000)
-            states.append([float(vector.findtext(name) or "nan") for name in ("X", "Y", "Z", "VX", "VY", "VZ")])
-    except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise OperatorError(f"{path}: not a Sentinel orbit file: {error}") from None
-    if frame != "EARTH_FIXED" or not states or not np.isfinite(states).all():
-        raise OperatorError(f"{path}: no Earth-fixed state vectors in it (Ref_Frame {frame})")
-    x = np.array(states)
-    return OrbitSamples(np.array(times, dtype=np.int64), x[:, :3].copy(), x[:, 3:].copy(), "ITRF")
+        _to_gcrf(orientation, t, found.r_m, found.v_mps, np.zeros(1, FORCE_WORK), r, v)
+    track = HermiteTrack(int(t[0]), int(t[1] - t[0]), r, v)
+    return ReferenceOrbit(found.name, track, t, np.hstack((r, v)), orientation)
 
 
 @entry(

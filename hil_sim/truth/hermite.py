@@ -89,3 +89,42 @@ class HermiteTrack:
             results.append(total / self._step_s**order)
             power = power[1:] * np.arange(1, len(power))[:, None, None]
         return results
+
+
+def interpolate_uneven(
+    t_ns: np.ndarray, r_m: np.ndarray, v_mps: np.ndarray, at_ns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position (k,3) [m] and velocity (k,3) [m/s] at `at_ns` between nodes of any spacing, as in HermiteTrack.
+
+    t_ns (n,) rising, r_m and v_mps (n,3). Newton's form on doubled nodes (Hildebrand, section 2.7); at a node its own
+    values come back. ValueError outside the nodes.
+    """
+    m = NODES_EACH_SIDE
+    if len(t_ns) < 2 * m:
+        raise ValueError(f"{2 * m} nodes are the least, got {len(t_ns)}")
+    if len(at_ns) and (at_ns.min() < t_ns[0] or at_ns.max() > t_ns[-1]):
+        raise ValueError("time outside the nodes")
+    left = np.clip(np.searchsorted(t_ns, at_ns, side="right") - 1, m - 1, len(t_ns) - m - 1)
+    window = np.repeat(left[:, None] + np.arange(1 - m, m + 1), 2, axis=1)  # each node twice
+    origin_ns = t_ns[left]
+    unit_s = (t_ns[window[:, -1]] - t_ns[window[:, 0]]) / (2 * m - 1) / 1e9
+    z = (t_ns[window] - origin_ns[:, None]) / 1e9 / unit_s[:, None]
+    s = ((at_ns - origin_ns) / 1e9 / unit_s)[:, None]
+    column = r_m[window] - r_m[left][:, None, :]
+    slopes = v_mps[window] * unit_s[:, None, None]
+    newton = [column[:, 0]]
+    for order in range(1, 4 * m):
+        width = z[:, order:] - z[:, :-order]
+        rise = column[:, 1:] - column[:, :-1]
+        if order == 1:
+            same = width == 0.0
+            column = np.where(same[:, :, None], slopes[:, 1:], rise / np.where(same, 1.0, width)[:, :, None])
+        else:
+            column = rise / width[:, :, None]
+        newton.append(column[:, 0])
+    value, slope = newton[-1], np.zeros_like(newton[-1])
+    for order in range(4 * m - 2, -1, -1):
+        x = s - z[:, order : order + 1]
+        slope = slope * x + value
+        value = value * x + newton[order]
+    return value + r_m[left], slope / unit_s[:, None]

@@ -15,9 +15,10 @@ import pytest
 from ground.accuracy.command import GRAVITY, ORBITS
 from ground.accuracy.flight_model import FlightModel
 from ground.accuracy.forces import flight_errors
-from ground.accuracy.orbits import RealOrbit, read_orbit
+from ground.accuracy.orbits import ReferenceOrbit, read_orbit
 from ground.tables.gps_time import day_of_gps
 from hil_sim.truth.earth_rotation import EarthOrientation
+from hil_sim.truth.orbit_files.read import read_orbit as read_file
 
 pytestmark = pytest.mark.real_data
 
@@ -25,13 +26,13 @@ SENTINEL_3A, GRACE_C, JASON_2, SENTINEL_1A = ORBITS
 
 
 @cache
-def orbit_of(path: Path) -> RealOrbit:
+def orbit_of(path: Path) -> ReferenceOrbit:
     if not path.is_file():
         pytest.skip(f"{path.name} is not among the real data")
     return read_orbit(path)
 
 
-def model_for(folder: Path, orbit: RealOrbit, name: str, degree: int) -> FlightModel:
+def model_for(folder: Path, orbit: ReferenceOrbit, name: str, degree: int) -> FlightModel:
     gravity = folder / GRAVITY
     if not gravity.is_file():
         pytest.skip(f"{gravity.name} is not among the real data")
@@ -71,26 +72,17 @@ def test_frames_of_flight_agree_with_those_of_the_world(real_data: Path, name: s
     orbit = orbit_of(real_data / name)
     world = EarthOrientation(int(orbit.t_gps_ns[0]), int(orbit.t_gps_ns[-1]))
     r_itrf, v_itrf = world.to_itrf(orbit.t_gps_ns, orbit.x[:, :3], orbit.x[:, 3:])
-    from hil_sim.truth.replayed import read_sp3
-
-    if name == SENTINEL_1A:
-        from ground.accuracy.orbits import read_eof
-
-        samples = read_eof(real_data / name)
-    else:
-        samples = read_sp3(real_data / name)
+    samples = read_file(real_data / name)
     assert np.abs(r_itrf - samples.r_m).max() < 0.03
     assert np.abs(v_itrf - samples.v_mps).max() < 6e-5
 
 
 def test_sentinel_file_reads_as_its_own_derivative_says(real_data: Path) -> None:
     """GIVEN positions and velocities 10 s apart WHEN positions are differentiated THEN they give the velocities."""
-    from ground.accuracy.orbits import read_eof
-
     path = real_data / SENTINEL_1A
     if not path.is_file():
         pytest.skip(f"{path.name} is not among the real data")
-    samples = read_eof(path)
+    samples = read_file(path)
     r = samples.r_m
     assert len(r) == 1186
     assert set(np.diff(samples.t_gps_ns)) == {10_000_000_000}

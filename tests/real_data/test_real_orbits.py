@@ -7,9 +7,11 @@ import pytest
 
 from hil_sim import gps_time, scenario
 from hil_sim.scenario_schema import Orbit, TruthModel
-from hil_sim.truth import propagated, replayed
+from hil_sim.truth import propagated
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.hermite import HermiteTrack
+from hil_sim.truth.orbit_files.read import read_orbit
+from hil_sim.truth.real_orbit import RealOrbit
 from hil_sim.truth.satkit_data import satkit_time, session
 from hil_sim.world import build_truth
 
@@ -21,7 +23,7 @@ GRACE_C_CRF = "leo_gracefo/GRACE-C_59412_orbit_crf.orb.gz"
 GRACE_C_TRF = "leo_gracefo/GRACE-C_59412_orbit_trf.orb.gz"
 
 
-def error_at_left_out_nodes(samples: replayed.OrbitSamples) -> np.ndarray:
+def error_at_left_out_nodes(samples: RealOrbit) -> np.ndarray:
     """Interpolate the odd nodes from the even ones (twice the spacing in use); distances (n,) [m], ends left off."""
     orientation = EarthOrientation(int(samples.t_gps_ns[0]), int(samples.t_gps_ns[-1]))
     r, v = samples.r_m, samples.v_mps
@@ -37,14 +39,13 @@ def error_at_left_out_nodes(samples: replayed.OrbitSamples) -> np.ndarray:
 @pytest.mark.parametrize("file", [SENTINEL_3A, JASON_2, GRACE_C_CRF])
 def test_left_out_nodes_come_back_within_a_centimetre(real_data: Path, file: str) -> None:
     """Measured: 2.0 mm Sentinel-3A and 6.8 mm Jason-2 at 120 s, 0.1 mm GRACE-FO C at 20 s."""
-    read = replayed.read_georb if file.endswith(".orb.gz") else replayed.read_sp3
-    assert error_at_left_out_nodes(read(real_data / file)).max() < 0.01
+    assert error_at_left_out_nodes(read_orbit(real_data / file)).max() < 0.01
 
 
 def test_earth_fixed_and_inertial_files_of_grace_fo_agree(real_data: Path) -> None:
     """One orbit in two frames; its makers include sub-daily tides of Earth orientation, we do not: 2 cm."""
-    inertial = replayed.read_georb(real_data / GRACE_C_CRF)
-    fixed = replayed.read_georb(real_data / GRACE_C_TRF)
+    inertial = read_orbit(real_data / GRACE_C_CRF)
+    fixed = read_orbit(real_data / GRACE_C_TRF)
     assert (inertial.frame, fixed.frame) == ("GCRF", "ITRF")
     assert gps_time.to_calendar(int(inertial.t_gps_ns[0])).isoformat() == "2021-07-17T00:00:00"
     r, v = EarthOrientation(int(fixed.t_gps_ns[0]), int(fixed.t_gps_ns[-1])).to_gcrf(
@@ -83,7 +84,7 @@ def test_open_loop_propagation_follows_the_replay(real_data: Path, name: str, st
 
 def test_velocity_unit_of_jason_2_is_found(real_data: Path) -> None:
     """Its SP3 files hold m/s where the standard says dm/s."""
-    speed = np.linalg.norm(replayed.read_sp3(real_data / JASON_2).v_mps, axis=1)
+    speed = np.linalg.norm(read_orbit(real_data / JASON_2).v_mps, axis=1)
     assert 6.8e3 < speed.min() < speed.max() < 7.1e3  # Earth-fixed, 1336 km
 
 

@@ -11,7 +11,7 @@ from flight_bench import T0_GPS_NS, circular_orbit, itrf_from_gcrf_oracle, to_it
 
 from ground.__main__ import main
 from ground.accuracy.forces import starts
-from ground.accuracy.orbits import read_eof, read_orbit
+from ground.accuracy.orbits import read_orbit
 from ground.errors import OperatorError
 
 NS = 1_000_000_000
@@ -97,7 +97,7 @@ def test_a_file_that_does_not_serve_is_one_line(
 
 def test_a_sentinel_file_in_another_frame_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="MOON_FIXED"):
-        read_eof(sentinel_file(tmp_path, "MOON_FIXED"))
+        read_orbit(sentinel_file(tmp_path, "MOON_FIXED"))
 
 
 def test_without_data_or_files_it_says_what_to_do(

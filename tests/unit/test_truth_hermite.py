@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil_sim.truth.hermite import HermiteTrack
+from hil_sim.truth.hermite import HermiteTrack, interpolate_uneven
 
 RATE_RADPS = 2.0 * np.pi / 5580.0
 RADIUS_M = 6.8e6
@@ -64,3 +64,38 @@ def test_outside_is_refused(offset_ns: int) -> None:
 def test_too_few_nodes_are_refused() -> None:
     with pytest.raises(ValueError, match="nodes"):
         track(10.0, 5)
+
+
+def test_uneven_nodes_as_good_as_even_ones() -> None:
+    """GIVEN nodes 5 to 120 s apart on a circle WHEN interpolated THEN micrometres; at a node its own values."""
+    steps_s = np.random.default_rng(4).integers(5, 121, 60).astype(float)
+    nodes_s = np.concatenate(([0.0], np.cumsum(steps_s)))
+    t_ns = T0_NS + np.rint(nodes_s * 1e9).astype(np.int64)
+    r, v, _ = circle(nodes_s)
+    offsets_ns = np.random.default_rng(5).integers(t_ns[3] - T0_NS, t_ns[-4] - T0_NS, 500)
+    got_r, got_v = interpolate_uneven(t_ns, r, v, T0_NS + offsets_ns)
+    expected = circle(offsets_ns / 1e9)
+    assert np.abs(got_r - expected[0]).max() < 1e-6
+    assert np.abs(got_v - expected[1]).max() < 1e-6
+    got_r, got_v = interpolate_uneven(t_ns, r, v, t_ns)
+    assert np.abs(got_r - r).max() < 1e-6
+    assert np.abs(got_v - v).max() < 1e-6
+
+
+def test_uneven_interpolation_agrees_with_the_track() -> None:
+    path = track(60.0, 30)
+    r, v, _ = circle(np.arange(30) * 60.0)
+    at = T0_NS + np.random.default_rng(6).integers(0, 29 * 60_000_000_000, 300)
+    got_r, got_v = interpolate_uneven(T0_NS + np.arange(30) * 60_000_000_000, r, v, at)
+    expected = path.evaluate(at)
+    assert np.abs(got_r - expected[0]).max() < 1e-5
+    assert np.abs(got_v - expected[1]).max() < 1e-5
+
+
+def test_uneven_outside_and_too_few_are_refused() -> None:
+    t_ns = T0_NS + np.arange(8) * 60_000_000_000
+    r, v, _ = circle(np.arange(8) * 60.0)
+    with pytest.raises(ValueError, match="outside"):
+        interpolate_uneven(t_ns, r, v, t_ns[-1:] + 1)
+    with pytest.raises(ValueError, match="least"):
+        interpolate_uneven(t_ns[:5], r[:5], v[:5], t_ns[:1])
