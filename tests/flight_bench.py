@@ -16,7 +16,9 @@ import numpy as np
 
 from flightsw.icd.enums import FixType, SyncStatus
 from flightsw.icd.table_file import decode
+from flightsw.kernels import gravity
 from flightsw.memory import Memory
+from flightsw.nav import filter
 from flightsw.nav.step import step
 from flightsw.records import INPUT
 from ground.tables.build import build_navigation
@@ -68,6 +70,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "j2": {**_PAPER, **_MODEL, "tuning": [_row(100.0, *_SOFT)]},
     "two_body": {**_PAPER, **_MODEL, "gravity_model": "central", "tuning": [_row(100.0, *_SOFT)]},
 }
+
+
+def transition_at(table: Any, x: np.ndarray, dt_s: float, pole: np.ndarray, work: Any) -> None:
+    """Phi of the paper's filter at x into work.phi."""
+    gravity.gradient(table, x[0:3], pole, work.gradient)
+    filter.transition(table, x, dt_s, work.gradient, work)
+
 
 Truth = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 

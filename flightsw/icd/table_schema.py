@@ -138,9 +138,7 @@ NAVIGATION = Schema(
         *_group(
             "editing",  # of the flight filter's measurements, position and velocity each on its own
             _real("gate_start_nis", "1", 1.0, 1e9, 30.0, "largest NIS (3 dof) of a fix that may start aiding"),
-            _real(
-                "gate_continue_nis", "1", 1.0, 1e9, 30.0, "largest NIS (3 dof) of a measurement while aiding goes on"
-            ),
+            _real("gate_continue_nis", "1", 1.0, 1e9, 30.0, "largest NIS (3 dof) while aiding goes on"),
             _whole("start_fixes", "count", 1, 100, 2, "fixes in a row within the start gate before one is used"),
             _whole("edit_position", "EditMode", 0, 3, 0, "positions: 0 auto, 1 accept, 2 reject, 3 inhibit"),
             _whole("edit_velocity", "EditMode", 0, 3, 0, "velocities: 0 auto, 1 accept, 2 reject, 3 inhibit"),
@@ -218,9 +216,7 @@ NAVIGATION = Schema(
                 6.0,
                 "two fixes agree within so many sigmas",
             ),
-            _real(
-                "position_arc_s", "s", 10.0, 600.0, 60.0, "positions without velocity start a state over such an arc"
-            ),
+            _real("position_arc_s", "s", 10.0, 600.0, 60.0, "positions alone start a state over such an arc"),
             _real("agreement_gap_max_s", "s", 0.1, 60.0, 5.0, "fixes further apart start the agreement anew"),
         ),
         *_group(

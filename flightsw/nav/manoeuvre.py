@@ -58,10 +58,11 @@ def displacement(nav, k, t_gps_ns, dt_s, rtn, axis, dr_m, dv_mps):
 @kernel
 def is_active(nav, t_gps_ns, dt_s):
     """Whether an announced burn acts within [t, t + dt]."""
+    found = False
     for k in range(BURNS):
-        if nav.burn_duration_ns[k] > 0 and overlap_s(nav, k, t_gps_ns, dt_s)[0] > 0.0:
-            return True
-    return False
+        if nav.burn_duration_ns[k] > 0:
+            found = found or overlap_s(nav, k, t_gps_ns, dt_s)[0] > 0.0
+    return found
 
 
 @kernel
@@ -81,7 +82,7 @@ def apply(nav, t_gps_ns, dt_s, rtn, work, x):
 
 @kernel
 def add_noise(nav, t_gps_ns, dt_s, p):
-    """Uncertainty of the burns over [t, t + dt] on r and v, axis by axis, into the whole matrix p of the paper's filter.
+    """Uncertainty of the burns over [t, t + dt] on r and v, into the whole matrix p of the paper's filter.
 
     The largest of a burn's sigmas serves all axes: the matrix is that of a filter whose noise is diagonal.
     """

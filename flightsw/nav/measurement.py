@@ -132,7 +132,7 @@ def judge(nav, table, kind, nis, gate):
     mode = editing(nav, table, kind)
     if not math.isfinite(nis):
         return _SINGULAR
-    if mode == _REJECT or mode == _INHIBIT:
+    if mode in (_REJECT, _INHIBIT):
         return _OPERATOR
     if mode == _ACCEPT:
         return USED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_bench import circular_orbit, loaded_memory, record
+from flight_bench import circular_orbit, loaded_memory, record, transition_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,7 +65,7 @@ def test_the_filters_own_covariance(row, integrator, u_deg, every):
     orbit = [circular_orbit(500e3, 60.0, 10.0, u_deg + 3.6 * k) for k in range(100)]
     for k in range(STEPS):
         x[:6] = orbit[k // 10]
-        ekf.transition(table, x, 1.0, POLE, work)
+        transition_at(table, x, 1.0, POLE, work)
         ekf.predict_covariance(table, 0, 1.0, p, work, p)
         if k % every == 0:
             assert ekf.gain(p, noise, work)
@@ -83,7 +83,7 @@ def test_the_covariance_of_the_bound(row, integrator, u_deg):
     orbit = [circular_orbit(500e3, 60.0, 10.0, u_deg + 3.6 * k) for k in range(100)]
     for k in range(STEPS):
         x[:6] = orbit[k // 10]
-        ekf.transition(table, x, 1.0, POLE, work)
+        transition_at(table, x, 1.0, POLE, work)
         assert predict_bound_covariance(table, 0, p, work, p)
     assert_sound(p)
 

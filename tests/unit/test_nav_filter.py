@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_bench import MU_M3PS2, circular_orbit, loaded_memory, record, two_body
+from flight_bench import MU_M3PS2, circular_orbit, loaded_memory, record, transition_at, two_body
 from mpmath import mp, mpf
 
 from flightsw.kernels import integrators
@@ -46,7 +46,7 @@ class FlightFilter:
         self.x, self.p = np.zeros(9), np.zeros((9, 9))
 
     def predict(self, row=0):
-        ekf.transition(self.table, self.x, 1.0, POLE, self.work)
+        transition_at(self.table, self.x, 1.0, POLE, self.work)
         ekf.predict_covariance(self.table, row, 1.0, self.p, self.work, self.p)
         integrators.advance(self.table, self.x, 1.0, POLE, self.work.stages)
 
@@ -141,7 +141,7 @@ def test_transition_is_the_derivative_of_the_step(name):
     """Central differences of the flight step; for RK4 Phi is of second order, the motion of the gradient is left."""
     flight = FlightFilter(name)
     start(flight)
-    ekf.transition(flight.table, flight.x, 1.0, POLE, flight.work)
+    transition_at(flight.table, flight.x, 1.0, POLE, flight.work)
     step_of = np.repeat([10.0, 0.01, 1e-4], 3)
     for j in range(9):
         up, down = flight.x.copy(), flight.x.copy()
@@ -157,7 +157,7 @@ def test_transition_is_the_derivative_of_the_step(name):
 def test_transition_with_rk4_is_the_matrix_exponential_but_for_its_third_order():
     flight = FlightFilter("two_body")
     start(flight)
-    ekf.transition(flight.table, flight.x, 1.0, POLE, flight.work)
+    transition_at(flight.table, flight.x, 1.0, POLE, flight.work)
     a = np.zeros((9, 9))
     a[0:3, 3:6] = a[3:6, 6:9] = np.eye(3)
     a[3:6, 0:3] = paper_gradient(flight.x[:3])
