@@ -49,7 +49,7 @@ def evaluate_run(folder: Path) -> dict[str, Any]:
 
 
 def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The keys `integrated`, `outages`, `fault_of_table` and `ticks_without_output` of summary.json.
+    """The keys `integrated`, `outages`, `fault_of_table` and `ticks_without_output` of summary.json; `burns` if any.
 
     Figures that were not reached are None; no NaN leaves this function.
     """
@@ -69,7 +69,23 @@ def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray])
         "outages": outages,
         "fault_of_table": " ".join(faults) or None,
         "ticks_without_output": int(np.count_nonzero(~record.offered)),
+        **({"burns": _burns(truth)} if "burn_start_s" in truth else {}),
     }
+
+
+def _burns(truth: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """Every burn: what was commanded, what was flown, when it was announced."""
+    return [
+        {
+            "start_s": _seconds(truth["burn_start_s"][i]),
+            "duration_s": _seconds(truth["burn_duration_s"][i]),
+            "announced_s": _seconds(told_s) if np.isfinite(told_s) else None,
+            "frame": "rtn" if truth["burn_rtn"][i] else "gcrf",
+            "dv_mps": truth["burn_dv_mps"][i].tolist(),
+            "flown_dv_mps": truth["burn_flown_dv_mps"][i].round(9).tolist(),
+        }
+        for i, told_s in enumerate(truth["burn_announced_s"])
+    ]
 
 
 def align(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray]) -> Record:

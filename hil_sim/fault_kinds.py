@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 CAN_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-TARGETS = ("all", "position", "velocity", "sync")
+TARGETS = ("all", "position", "velocity", "sync", "burn", "attitude", "command")
 
 
 class FaultKind(NamedTuple):
@@ -22,6 +22,8 @@ KINDS: dict[str, FaultKind] = {
     # -- content of a fix
     "position_step": FaultKind("position displaced along an ITRF axis", "metres", None, -1e9, 1e9),
     "velocity_step": FaultKind("velocity displaced along an ITRF axis", "metres per second", None, -1e6, 1e6),
+    "position_ramp": FaultKind("position drifts along an ITRF axis, velocity does not", "m/s", None, -1e6, 1e6),
+    "consistent_ramp": FaultKind("position drifts along an ITRF axis, and velocity with it", "m/s", None, -1e6, 1e6),
     "nan": FaultKind("position and velocity of an axis become NaN"),
     "absurd": FaultKind("position component replaced", "metres", 1e12, -1e300, 1e300),
     "frozen_fix": FaultKind("position and velocity stay what they were; hold_time keeps the time stamp too"),

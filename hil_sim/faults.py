@@ -25,6 +25,8 @@ class FaultInjector:
         self._t_start_gps_ns = t_start_gps_ns
         self._faults = faults
         self._streams = [np.random.default_rng(child) for child in seeds.spawn(len(faults))]
+        # of the frames of other senders: what they send does not change what befalls the receiver's
+        self._other_streams = [np.random.default_rng(child) for child in seeds.spawn(len(faults))]
 
     def corrupt_content(self, fixes: FixSeries, pulses: PulseSeries) -> None:
         """Apply faults of content, time and counters to the measurements, in place."""
@@ -33,6 +35,8 @@ class FaultInjector:
             pulse_hit = self._hit(fault, pulses.t_true_gps_ns, stream)
             if fault.kind in _CONTENT:
                 _CONTENT[fault.kind](fault, fixes, fix_hit)
+            elif fault.kind in _RAMPS:
+                self._ramp(fault, fixes, fix_hit)
             elif fault.kind in _TIME:
                 if fault.kind != "sync_jump" and fault.target != "sync":
                     _TIME[fault.kind](fault, fixes, fix_hit)
@@ -44,9 +48,12 @@ class FaultInjector:
             if fault.kind in ("repeat_counter", "skip_counter", "receiver_reset"):
                 self._disturb_counters(fault, fixes, pulses)
 
-    def corrupt_frames(self, frames: FrameSeries) -> FrameSeries:
-        """Apply drops, flipped bits and truncation; returns the frames that remain."""
-        for fault, stream in zip(self._faults, self._streams, strict=True):
+    def corrupt_frames(self, frames: FrameSeries, receiver: bool = True) -> FrameSeries:
+        """Apply drops, flipped bits and truncation; returns the frames that remain.
+
+        receiver: whether they are the GNSS receiver's, or those of all other senders.
+        """
+        for fault, stream in zip(self._faults, self._streams if receiver else self._other_streams, strict=True):
             if fault.kind not in ("frame_drop", "bit_flip", "truncate"):
                 continue
             hit = self._hit(fault, frames.t_true_gps_ns, stream)
@@ -73,6 +80,14 @@ class FaultInjector:
         start, stop = self._window(fault)
         chance = stream.random(len(t_true_gps_ns))
         return (t_true_gps_ns >= start) & (t_true_gps_ns < stop) & (chance < fault.probability)
+
+    def _ramp(self, fault: Fault, fixes: FixSeries, hit: np.ndarray) -> None:
+        """A drift of constant rate from the start of the window on; in ITRF, where its derivative is the velocity."""
+        rate_mps, age_s = _value(fault), (fixes.t_true_gps_ns[hit] - self._window(fault)[0]) / NS
+        axes = np.ix_(hit, _AXES[fault.axis])
+        fixes.r_itrf_m[axes] += rate_mps * age_s[:, None]
+        if fault.kind == "consistent_ramp":
+            fixes.v_itrf_mps[axes] += rate_mps
 
     def _reset(self, fault: Fault, fixes: FixSeries, pulses: PulseSeries) -> None:
         start, stop = self._window(fault)
@@ -148,6 +163,8 @@ _CONTENT: dict[str, Callable[[Fault, FixSeries, np.ndarray], None]] = {
     "absurd": _absurd,
     "frozen_fix": _frozen_fix,
 }
+
+_RAMPS = ("position_ramp", "consistent_ramp")
 
 # -- time: (fault, fixes or pulses, (n,) bool) ---------------------------------------------------------------
 

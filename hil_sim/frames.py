@@ -1,22 +1,31 @@
-"""Fixes and pulses as sealed CAN frames, sorted by arrival."""
+"""Fixes, pulses and what other senders say as sealed CAN frames, sorted by arrival."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from flightsw.icd.can_codec import new_buffer, seal
-from flightsw.icd.can_frames import GNSS_POSITION, GNSS_VELOCITY, TIME_SYNC
+from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.sensors.gnss_receiver import FixSeries, PulseSeries
 
-_LAYOUTS = {"sync": TIME_SYNC, "position": GNSS_POSITION, "velocity": GNSS_VELOCITY}
+_LAYOUTS = {
+    "sync": TIME_SYNC,
+    "position": GNSS_POSITION,
+    "velocity": GNSS_VELOCITY,
+    "burn": BURN,
+    "attitude": ATTITUDE,
+    "command": NAV_COMMAND,
+}
 
 
 @dataclass
 class FrameSeries:
-    """Frames of a run in order of arrival: instants (m,) int64 [ns], kind ('sync', 'position', 'velocity'), payload."""
+    """Frames of a run in order of arrival: instants (m,) int64 [ns], kind (of `_LAYOUTS`), payload."""
 
     t_true_gps_ns: np.ndarray
     arrival_gps_ns: np.ndarray
@@ -41,24 +50,44 @@ class FrameSeries:
 
 def encode(fixes: FixSeries, pulses: PulseSeries) -> FrameSeries:
     """Every measurement that is sent, as frames; of equal arrival the pulse goes first, then position, velocity."""
-    kinds: list[str] = []
-    payloads: list[bytes] = []
-    true, arrival = [], []
-    for kind, records, counter, series in (
-        ("sync", _pulse_records(pulses), pulses.counter, pulses),
-        ("position", _position_records(fixes), fixes.counter_position, fixes),
-        ("velocity", _velocity_records(fixes), fixes.counter_velocity, fixes),
-    ):
-        sent = np.flatnonzero(series.sent)
-        payloads += _sealed(_LAYOUTS[kind], records, sent, counter[sent])
-        kinds += [kind] * len(sent)
-        true.append(series.t_true_gps_ns[sent])
-        arrival.append(series.arrival_gps_ns[sent])
-    frames = FrameSeries(np.concatenate(true), np.concatenate(arrival), kinds, payloads)
-    order = np.argsort(frames.arrival_gps_ns, kind="stable")
+    parts = [
+        series_of("sync", _pulse_records(pulses), pulses.counter, pulses),
+        series_of("position", _position_records(fixes), fixes.counter_position, fixes),
+    ]
+    if fixes.has_velocity:
+        parts.append(series_of("velocity", _velocity_records(fixes), fixes.counter_velocity, fixes))
+    return in_order(parts)
+
+
+class Sent(Protocol):
+    """When each row of a series was measured, when it arrives, and whether it is sent at all; (n,)."""
+
+    @property
+    def t_true_gps_ns(self) -> np.ndarray: ...
+
+    @property
+    def arrival_gps_ns(self) -> np.ndarray: ...
+
+    @property
+    def sent(self) -> np.ndarray: ...
+
+
+def series_of(kind: str, records: np.ndarray, counter: np.ndarray, series: Sent) -> FrameSeries:
+    """Sealed frames of the rows that are sent; records (n,) of the layout of the kind, counter (n,)."""
+    sent = np.flatnonzero(series.sent)
+    payloads = _sealed(_LAYOUTS[kind], records, sent, counter[sent])
+    return FrameSeries(series.t_true_gps_ns[sent], series.arrival_gps_ns[sent], [kind] * len(sent), payloads)
+
+
+def in_order(parts: Sequence[FrameSeries]) -> FrameSeries:
+    """All frames in order of arrival; of equal arrival in the order of the parts."""
+    kinds = [kind for part in parts for kind in part.kind]
+    payloads = [payload for part in parts for payload in part.payload]
+    arrival = np.concatenate([part.arrival_gps_ns for part in parts])
+    order = np.argsort(arrival, kind="stable")
     return FrameSeries(
-        frames.t_true_gps_ns[order],
-        frames.arrival_gps_ns[order],
+        np.concatenate([part.t_true_gps_ns for part in parts])[order],
+        arrival[order],
         [kinds[i] for i in order],
         [payloads[i] for i in order],
     )

@@ -13,13 +13,16 @@ import tomllib
 from collections.abc import Iterable, Iterator
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 
 from hil_sim import gps_time
 from hil_sim.errors import DataError, ScenarioError
+from hil_sim.scenario_checks import check_events
 from hil_sim.scenario_schema import (
+    Burn,
+    Command,
     Fault,
     Outage,
     Scenario,
@@ -30,7 +33,7 @@ from hil_sim.scenario_schema import (
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 DATA_VARIABLE = "LEONAV_DATA"
-_ITEMS: dict[str, type[Section]] = {"outage": Outage, "fault": Fault}
+_ITEMS: dict[str, type[Section]] = {"outage": Outage, "burn": Burn, "command": Command, "fault": Fault}
 _FREE_TABLES = ("flight.table",)
 _ALTERNATIVES = {"orbit.period_s": "semi_major_axis_m", "orbit.semi_major_axis_m": "period_s"}
 _UNITS = {"s": "seconds", "m": "metres", "mps": "metres per second", "deg": "degrees", "hz": "hertz"} | {
@@ -111,7 +114,7 @@ def load(name_or_path: str, overrides: Iterable[str] = ()) -> LoadedScenario:
         start_gps_ns(scenario)
     except ValueError as error:
         raise ScenarioError(where.tell("time.start", f"{error}; write 2019-01-01T00:00:00")) from None
-    for problem in cross_check(scenario):
+    for problem in (*cross_check(scenario), *check_events(scenario)):
         raise ScenarioError(where.tell(problem.key, f"{problem.what}; {problem.remedy}"))
     for key in _leaves(msgspec.to_builtins(scenario)):
         origin.setdefault(key, "default")
@@ -267,11 +270,17 @@ def _did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def _doc(key: str) -> str:
-    section, _, last = key.rpartition(".")
+    section, _, last = _without_index(key).rpartition(".")
     try:
         return field_docs(_section_type(section)).get(last, "")
     except KeyError:
         return ""
+
+
+def _without_index(key: str) -> str:
+    """'burn.0.dv_mps.1' as 'burn.0.dv_mps': the key that holds the component; 'burn.0' stays."""
+    head, _, last = key.rpartition(".")
+    return head if last.isdigit() and head not in _ITEMS else key
 
 
 # -- walking -----------------------------------------------------------------------------------------------
@@ -285,8 +294,9 @@ def _section_type(key: str) -> type[Section]:
     if head in _ITEMS:
         return _ITEMS[head]
     hint = get_type_hints(Scenario)[head]
-    if isinstance(hint, type) and issubclass(hint, Section):
-        return hint
+    for option in (hint, *get_args(hint)):  # a section, or one that may be absent
+        if isinstance(option, type) and issubclass(option, Section):
+            return option
     raise KeyError(key)
 
 

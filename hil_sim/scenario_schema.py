@@ -27,6 +27,23 @@ StartAge = Annotated[float, _range(0.0, 1e7, "seconds after the scenario's start
 Probability = Annotated[float, _range(0.0, 1.0, "probability, 0 to 1")]
 
 
+# each component, and what the three are
+_Offset = Annotated[float, Meta(ge=-100.0, le=100.0)]
+_Change = Annotated[float, Meta(ge=-200.0, le=200.0)]
+_Sigma = Annotated[float, Meta(ge=0.0, le=50.0)]
+AntennaOffset = Annotated[
+    tuple[_Offset, _Offset, _Offset],
+    Meta(description="body axes (flight direction, -normal, nadir), from the centre of mass, in metres"),
+]
+VelocityChange = Annotated[
+    tuple[_Change, _Change, _Change], Meta(description="velocity change in the axes of `frame` in m/s")
+]
+VelocitySigma = Annotated[
+    tuple[_Sigma, _Sigma, _Sigma],
+    Meta(description="announced 1-sigma of dv_mps; what is flown is drawn from it; in m/s"),
+]
+
+
 class Section(Struct, forbid_unknown_fields=True, frozen=True):
     """Base of every table of a scenario."""
 
@@ -93,6 +110,14 @@ class Gnss(Section, kw_only=True, frozen=True):
     sigma_velocity_mps: Annotated[float, _range(0.0, 1e3, "white velocity noise per axis in m/s")]
     coloured_sigma_m: Annotated[float, _range(0.0, 1e4, "correlated position error per axis in metres")] = 0.0
     coloured_tau_s: Annotated[float, _range(1.0, 1e6, "correlation time in seconds")] = 600.0
+    periodic_sigma_m: Annotated[
+        float, _range(0.0, 1e4, "amplitude of the error with the period of the orbit per RTN axis in metres")
+    ] = 0.0
+    claimed_sigma_m: (
+        Annotated[float, _range(1e-3, 1e4, "sigma the receiver claims, if not its white noise, in metres")] | None
+    ) = None
+    velocity: Annotated[bool, Meta(description="whether fixes come with a velocity")] = True
+    antenna_offset_m: AntennaOffset = (0.0, 0.0, 0.0)
     latency_s: Annotated[float, _range(0.0, 10.0, "measurement to arrival on the bus in seconds")] = 0.2
     dropout_probability: Probability = 0.0
     satellites: Annotated[int, Meta(ge=0, le=64, description="satellites reported in a fix")] = 12
@@ -112,6 +137,47 @@ class Oscillator(Section, frozen=True):
     drift_ppm: Annotated[float, _range(-100.0, 100.0, "frequency error in parts per million")] = 1.0
     random_walk: Annotated[float, _range(0.0, 1e-6, "phase random walk in s/sqrt(s)")] = 1e-10
     pulse_jitter_ns: Annotated[float, _range(0.0, 1e6, "1-sigma of a latched pulse in nanoseconds")] = 50.0
+
+
+class Attitude(Section, kw_only=True, frozen=True):
+    """The attitude that is reported on the bus, and by how much the body is turned from nadir (yaw, pitch, roll)."""
+
+    rate_hz: Annotated[float, _range(0.01, 20.0, "attitudes per second")] = 1.0
+    sigma_rad: Annotated[float, _range(0.0, 0.5, "white error about each body axis in radians")]
+    yaw_deg: Annotated[float, _range(-180.0, 180.0, "first turn, about the body's z axis, in degrees")] = 0.0
+    pitch_deg: Annotated[float, _range(-90.0, 90.0, "second turn, about the body's y axis, in degrees")] = 0.0
+    roll_deg: Annotated[float, _range(-180.0, 180.0, "third turn, about the body's x axis, in degrees")] = 0.0
+    latency_s: Annotated[float, _range(0.0, 10.0, "attitude to arrival on the bus in seconds")] = 0.05
+
+
+class Burn(Section, kw_only=True, frozen=True):
+    """A manoeuvre: a velocity change, spread evenly over its duration. Propagated truth only."""
+
+    start_s: Annotated[float, _range(1.0, 1e7, "seconds after the scenario's start, 1 at least")]
+    duration_s: Annotated[float, _range(0.1, 1e5, "how long the thrust lasts in seconds")]
+    dv_mps: VelocityChange
+    frame: Annotated[str, Meta(pattern="^(gcrf|rtn)$", description="axes of dv_mps: gcrf or rtn")] = "rtn"
+    announced: Annotated[bool, Meta(description="whether a BURN frame tells flight of it")] = True
+    announce_lead_s: Annotated[
+        float, _range(-1e6, 1e6, "how long before the start it is announced in seconds; negative: afterwards")
+    ] = 60.0
+    sigma_mps: VelocitySigma = (0.0, 0.0, 0.0)
+
+
+class Command(Section, kw_only=True, frozen=True):
+    """What an onboard commander tells navigation, in a NAV_COMMAND frame."""
+
+    at_s: StartAge
+    command: Annotated[str, Meta(pattern="^(edit|reset_filter)$", description="edit or reset_filter")]
+    target: (
+        Annotated[str, Meta(pattern="^(position|velocity)$", description="what is edited: position or velocity")] | None
+    ) = None
+    value: (
+        Annotated[
+            str, Meta(pattern="^(auto|accept|reject|inhibit)$", description="how: auto, accept, reject or inhibit")
+        ]
+        | None
+    ) = None
 
 
 class Flight(Section, frozen=True):
@@ -144,7 +210,10 @@ class Scenario(Section, kw_only=True, frozen=True):
     orbit: Orbit
     truth: TruthModel = field(default_factory=TruthModel)
     gnss: Gnss
+    attitude: Attitude | None = None
     outage: tuple[Outage, ...] = ()
+    burn: tuple[Burn, ...] = ()
+    command: tuple[Command, ...] = ()
     oscillator: Oscillator = field(default_factory=Oscillator)
     flight: Flight
     fault: tuple[Fault, ...] = ()

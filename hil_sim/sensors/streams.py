@@ -23,6 +23,9 @@ class Streams(NamedTuple):
     oscillator: np.random.Generator
     pulse_jitter: np.random.Generator
     faults: np.random.SeedSequence
+    burns: np.random.Generator
+    periodic_error: np.random.Generator
+    attitude: np.random.Generator
 
 
 def open_streams(seed: int) -> Streams:

@@ -7,20 +7,25 @@ relativity (satkit's propagator; Earth orientation IERS 2010).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hil_sim.scenario_schema import MU_EGM2008_M3PS2, Orbit, TruthModel, semi_major_axis_m
+from hil_sim.truth.burns import FlownBurn
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.hermite import NODES_EACH_SIDE, HermiteTrack
 from hil_sim.truth.interface import TrackTruth
+from hil_sim.truth.piecewise import PiecewiseTrack
 from hil_sim.truth.satkit_data import satkit_time, session
 
 NODE_STEP_NS = 10_000_000_000
 TOLERANCE = 1e-12  # of the adaptive Runge-Kutta 9(8): sub-millimetre over a day's fraction
 MARGIN_NODES = NODES_EACH_SIDE + 1
+OVERLAP_NODES = NODES_EACH_SIDE - 1  # beyond an edge, so that no window is one-sided
+BURN_STEP_MINIMUM_NS = 1_000_000_000  # nodes closer together would cost the velocity its digits
 
 
 def initial_state(orbit: Orbit) -> np.ndarray:
@@ -45,29 +50,94 @@ def propagate(
     duration_ns: int,
     finals_path: Path | None = None,
     space_weather_path: Path | None = None,
+    burns: tuple[FlownBurn, ...] = (),
 ) -> TrackTruth:
     """Truth from the start for `duration_ns`, with a little more on both sides.
 
-    Raises DataError when space weather or Earth orientation does not cover the run.
+    burns: in order of time, apart from each other. At their edges the integration stops and begins anew, and so does
+    the track: neither steps nor interpolates across the jump of the force.
+    Raises DataError when space weather or Earth orientation does not cover the run, ValueError for a burn that does not
+    begin after the start.
     """
+    if burns and burns[0].t_start_gps_ns <= t_start_gps_ns:
+        raise ValueError("the first burn must begin after the start")
     margin_ns = MARGIN_NODES * NODE_STEP_NS
     after = -(-int(duration_ns) // NODE_STEP_NS) + MARGIN_NODES
     t_last_ns = t_start_gps_ns + after * NODE_STEP_NS
-    with session(t_start_gps_ns - margin_ns, t_last_ns, model.fixed_f107, finals_path, space_weather_path) as satkit:
+    last_node_ns = t_last_ns + (margin_ns if burns else 0)
+    with session(t_start_gps_ns - margin_ns, last_node_ns, model.fixed_f107, finals_path, space_weather_path) as satkit:
         settings, satellite = _settings(satkit, model)
-        start = satkit_time(satkit, t_start_gps_ns)
         state = initial_state(orbit)
-        parts = []
-        for nodes in (range(-MARGIN_NODES, 0), range(after + 1)):
-            reach_s = (nodes[0] if nodes[0] < 0 else nodes[-1]) * NODE_STEP_NS / 1e9
-            result = satkit.propagate(
-                state, start, duration_secs=reach_s, propsettings=settings, satproperties=satellite
-            )
-            instants = [satkit_time(satkit, t_start_gps_ns + n * NODE_STEP_NS) for n in nodes]
-            parts.append(np.array(result.interp(instants)))
-    samples = np.concatenate(parts)
-    track = HermiteTrack(t_start_gps_ns - margin_ns, NODE_STEP_NS, samples[:, :3].copy(), samples[:, 3:].copy())
+        edges_ns: list[int] = []
+        pieces: list[HermiteTrack] = []
+        for arc in _arcs(t_start_gps_ns, t_last_ns, burns):
+            pushed = satellite if arc.burn is None else _with_thrust(satkit, model, arc)
+            behind = range(-MARGIN_NODES, 0) if not pieces else range(-OVERLAP_NODES, 0)
+            before, _ = _nodes(satkit, settings, pushed, state, arc, behind)
+            after, state = _nodes(satkit, settings, pushed, state, arc, range(arc.last_node + 1))
+            samples = np.concatenate((before, after))
+            t0_ns = arc.t_start_ns - len(before) * arc.step_ns
+            edges_ns.append(arc.t_start_ns)
+            pieces.append(HermiteTrack(t0_ns, arc.step_ns, samples[:, :3].copy(), samples[:, 3:].copy()))
+    track = PiecewiseTrack(edges_ns[1:], pieces) if burns else pieces[0]
     return TrackTruth(track, f"satkit {satkit.__version__}, EGM2008 {model.gravity_degree}, solar {model.solar}")
+
+
+class _Arc(NamedTuple):
+    """A stretch of flight without a jump of the force, and how far apart its nodes lie; last_node counts from 0."""
+
+    t_start_ns: int
+    t_end_ns: int
+    step_ns: int
+    last_node: int
+    burn: FlownBurn | None
+
+
+def _arcs(t_start_ns: int, t_last_ns: int, burns: tuple[FlownBurn, ...]) -> Iterator[_Arc]:
+    at_ns = t_start_ns
+    for burn in burns:
+        if burn.t_start_gps_ns > at_ns:
+            yield _arc(at_ns, burn.t_start_gps_ns, NODE_STEP_NS, None)
+        step_ns = min(NODE_STEP_NS, max(BURN_STEP_MINIMUM_NS, burn.duration_ns))
+        yield _arc(burn.t_start_gps_ns, burn.t_end_gps_ns, step_ns, burn)
+        at_ns = burn.t_end_gps_ns
+    # t_last has its margin in it
+    yield _Arc(at_ns, t_last_ns, NODE_STEP_NS, max(OVERLAP_NODES + 1, -(-(t_last_ns - at_ns) // NODE_STEP_NS)), None)
+
+
+def _arc(t_start_ns: int, t_end_ns: int, step_ns: int, burn: FlownBurn | None) -> _Arc:
+    return _Arc(t_start_ns, t_end_ns, step_ns, -(-(t_end_ns - t_start_ns) // step_ns) + OVERLAP_NODES, burn)
+
+
+def _nodes(
+    satkit: Any, settings: Any, satellite: Any, state: np.ndarray, arc: _Arc, numbers: range
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (n,6) at the numbered nodes of an arc, propagated from `state` (6,) at its start; that at its end (6,).
+
+    Nodes before the start end nothing: `state` comes back.
+    """
+    t0_ns, step_ns = arc.t_start_ns, arc.step_ns
+    reach_s = (numbers[0] if numbers[0] < 0 else numbers[-1]) * step_ns / 1e9
+    result = satkit.propagate(
+        state, satkit_time(satkit, t0_ns), duration_secs=reach_s, propsettings=settings, satproperties=satellite
+    )
+    samples = np.array(result.interp([satkit_time(satkit, t0_ns + n * step_ns) for n in numbers]))
+    if numbers[0] < 0:
+        return samples, state
+    return samples, np.array(result.interp(satkit_time(satkit, arc.t_end_ns)))
+
+
+def _with_thrust(satkit: Any, model: TruthModel, arc: _Arc) -> Any:
+    """The satellite with the thrust of an arc's burn, on over the whole arc and beyond its ends."""
+    assert arc.burn is not None
+    duration_s = arc.burn.duration_ns / 1e9
+    thrust = satkit.thrust.constant(
+        [dv / duration_s for dv in arc.burn.dv_mps],
+        satkit_time(satkit, arc.t_start_ns - MARGIN_NODES * arc.step_ns),
+        satkit_time(satkit, arc.t_start_ns + (arc.last_node + MARGIN_NODES) * arc.step_ns),
+        satkit.frame.RTN if arc.burn.frame == "rtn" else satkit.frame.GCRF,
+    )
+    return _satellite(satkit, model, [thrust])
 
 
 def density_kgpm3(
@@ -102,11 +172,15 @@ def _settings(satkit: Any, model: TruthModel) -> tuple[Any, Any]:
         tide_model=satkit.tidemodel.solid_step1 if model.tides else satkit.tidemodel.none,
         require_eop_coverage=True,
     )
-    satellite = satkit.satproperties(
+    return settings, _satellite(satkit, model, [])
+
+
+def _satellite(satkit: Any, model: TruthModel, thrusts: list[Any]) -> Any:
+    return satkit.satproperties(
         cdaoverm=model.drag_coefficient * model.area_to_mass_m2pkg,
         craoverm=model.srp_coefficient * model.area_to_mass_m2pkg,
+        thrusts=thrusts,
     )
-    return settings, satellite
 
 
 def _about_z(angle: float) -> np.ndarray:

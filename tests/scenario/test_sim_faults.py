@@ -70,6 +70,34 @@ def test_position_and_velocity_steps(clean) -> None:
     assert (velocities(received) - velocities(clean[1]))[WINDOW] == pytest.approx(-3.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(("kind", "rate_mps"), [("position_ramp", 0.0), ("consistent_ramp", 4.0)])
+def test_a_ramp_grows_from_its_start_and_ends_with_its_window(clean, kind: str, rate_mps: float) -> None:
+    """GIVEN 4 m/s for 5 s along z THEN 0, 4, 8, 12, 16 m in the window and nothing outside; the velocity is true with
+    `position_ramp`, and the derivative of the drift with `consistent_ramp`."""
+    _, received = fly(window(kind, ', value=4, axis="z"'))
+    moved = positions(received) - positions(clean[1])
+    faster = velocities(received) - velocities(clean[1])
+    assert np.flatnonzero(moved.any(axis=1)).tolist() == list(WINDOW)[1:]
+    assert moved[WINDOW, 2] == pytest.approx([0.0, 4.0, 8.0, 12.0, 16.0], abs=1e-6)
+    assert not moved[:, :2].any()
+    assert faster[WINDOW, 2] == pytest.approx(rate_mps, abs=1e-9)
+    assert np.count_nonzero(faster) == (5 if rate_mps else 0)
+
+
+def test_a_consistent_ramp_moves_as_its_own_velocity_says(clean) -> None:
+    """GIVEN 60 s of a consistent ramp without noise THEN the positions are the integral of the velocities, as they are
+    without it: the residual of Simpson's rule is the same."""
+
+    def residual(fault: str) -> float:
+        quiet = ["gnss.sigma_position_m=0", "gnss.sigma_velocity_mps=0", "outage=[]", "time.duration_s=60"]
+        fixes = World.build(scenario.load("nominal", [*quiet, f"fault=[{fault}]"]))._fixes
+        r, v = fixes.r_itrf_m[:, 0], fixes.v_itrf_mps[:, 0]
+        return float(np.abs(r[2::2] - r[:-2:2] - (v[:-2:2] + 4.0 * v[1:-1:2] + v[2::2]) / 3.0).max())
+
+    assert residual('{kind="consistent_ramp", start_s=0, duration_s=100, value=25}') < residual("") + 1e-6 < 1e-4
+    assert residual('{kind="position_ramp", start_s=0, duration_s=100, value=25}') == pytest.approx(50.0, abs=1e-3)
+
+
 def test_nan_and_absurd() -> None:
     _, received = fly(window("nan", ', axis="y", target="velocity"'), 'kind="absurd", start_s=40, value=1e300')
     assert np.isnan(velocities(received)[WINDOW, 1]).all()

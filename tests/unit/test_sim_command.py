@@ -11,7 +11,10 @@ from hil_sim.__main__ import main
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert names == ["gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"]
+    assert names == [
+        *("burn_in_outage", "gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"),
+        "unannounced_burn",
+    ]
 
 
 def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:

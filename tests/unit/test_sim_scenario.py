@@ -7,7 +7,10 @@ import pytest
 from hil_sim import scenario
 from hil_sim.errors import DataError, ScenarioError
 
-SHIPPED = ("gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage")
+SHIPPED = (
+    *("burn_in_outage", "gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"),
+    "unannounced_burn",
+)
 
 
 def test_what_ships() -> None:

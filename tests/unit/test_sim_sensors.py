@@ -103,13 +103,24 @@ def test_dropouts_happen_as_often_as_asked() -> None:
     assert len(world.truth_arrays()["fix_t_gps_ns"]) == pytest.approx(900, abs=60)
 
 
-def test_reported_sigma_holds_both_noises() -> None:
-    gnss = Gnss(sigma_position_m=3.0, sigma_velocity_mps=0.1, coloured_sigma_m=4.0)
+def claimed(**gnss: float) -> World:
     loaded = scenario.load("nominal", ["time.duration_s=60", "outage=[]"])
-    loaded = loaded._replace(scenario=msgspec.structs.replace(loaded.scenario, gnss=gnss))
-    world = World.build(loaded)
+    settings = Gnss(sigma_position_m=3.0, sigma_velocity_mps=0.1, **gnss)
+    return World.build(loaded._replace(scenario=msgspec.structs.replace(loaded.scenario, gnss=settings)))
+
+
+def test_a_receiver_claims_its_white_noise_and_knows_nothing_of_errors_that_last() -> None:
+    for lasting in ({}, {"coloured_sigma_m": 4.0}, {"periodic_sigma_m": 4.0}):
+        world = claimed(**lasting)
+        assert np.all(world._fixes.sigma_r_m == 3.0)
+        assert np.all(world._fixes.sigma_v_mps == 0.1)
+
+
+def test_a_claimed_sigma_of_the_scenario_is_what_the_receiver_says() -> None:
+    """GIVEN a claim of its own THEN the frames hold it, and the measured positions are as without it."""
+    world, plain = claimed(coloured_sigma_m=4.0, claimed_sigma_m=5.0), claimed(coloured_sigma_m=4.0)
     assert np.all(world._fixes.sigma_r_m == 5.0)
-    assert np.all(world._fixes.sigma_v_mps == 0.1)
+    assert np.array_equal(world._fixes.r_itrf_m, plain._fixes.r_itrf_m)
 
 
 def test_window_of_an_outage_is_half_open() -> None:
