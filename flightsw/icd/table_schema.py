@@ -255,14 +255,14 @@ NAVIGATION = Schema(
                 1e-7,
                 "a time pulse is never taken as better than this",
             ),
-            _real("clock_q_phase_s2ps", "s2/s", 0.0, 1e-6, 1e-20, "white frequency noise of the oscillator"),
+            _real("clock_q_phase_s2ps", "s2/s", 0.0, 1e-6, 1e-20, "white frequency noise: 1e-10 s after 1 s"),
             _real(
                 "clock_q_drift_ps",
                 "1/s",
                 0.0,
                 1e-6,
-                1e-22,
-                "random walk of its frequency (variance of drift per s)",
+                4e-19,
+                "random walk of its frequency: 3e-8 in 2000 s, a TCXO whose temperature swings with the orbit",
             ),
             _whole("clock_start_pulses", "count", 2, 100, 3, "consistent time pulses before time is valid"),
             _whole(

@@ -112,3 +112,31 @@ def test_a_wrong_clock_from_the_start_is_found_out() -> None:
     restarted = int(np.flatnonzero(np.abs(stamps_s[100:]) < 1.0)[0]) + 100
     assert flight.seconds[restarted] == pytest.approx(50.2, abs=1.5)
     assert (flight.flown["flag"][restarted : restarted + 200] == 1).all()
+
+
+LASTING_S = 300.0  # clock_restart_pulses of the schema, at one a second
+
+
+@pytest.mark.parametrize(("jump_s", "outage_s"), [(2e-5, 0.0), (-5e-5, 0.0), (1e-3, 0.0), (1e-2, 60.0), (1e-3, 2000.0)])
+def test_a_lasting_jump_of_time_is_never_taken_in_silence(jump_s: float, outage_s: float) -> None:
+    """GIVEN flight on a calibrated clock, or just back from an outage WHEN GPS time has jumped for good THEN its own
+    time stays where it was for 300 s of pulses that agree; then the alert and the flag say that time was set anew, and
+    until then the published state is never moved by what the jump is along the track (0.15 m to 76 m).
+    """
+    start_s = 100.0 + outage_s
+    outage = f"outage=[{{start_s=100.0, duration_s={outage_s}}}]" if outage_s else "outage=[]"
+    duration_s = start_s + LASTING_S + 20.0
+    flight = flown(f"time.duration_s={duration_s}", outage, faults(fault("time_jump", start_s, 1e4, value=jump_s)))
+    rows = flight.loop.events.records
+    told = rows[rows["alert_id"] == AlertId.CLOCK_REINITIALISED]["t_gps_ns"]
+    assert len(told) == 1
+    restarted = int(np.flatnonzero(flight.seconds >= start_s + LASTING_S - 3.0)[0])
+    stamps_s = (flight.flown["t_gps_ns"] - flight.world.t_true_gps_ns) / 1e9
+    settled = flight.seconds >= 20.0
+    before = settled & (np.arange(flight.k) < restarted)
+    # the simulated oscillator walks 1e-10 s in a second; its drift is known to some 1e-9
+    assert np.abs(stamps_s[before]).max() < 1e-6 + 3e-9 * outage_s
+    assert stamps_s[-1] == pytest.approx(jump_s, abs=2e-6)
+    assert AlertId.TIME_JUMP_REJECTED in rows["alert_id"]
+    after = int(np.flatnonzero(np.abs(stamps_s[restarted:] - jump_s) < 5e-6)[0]) + restarted
+    assert (flight.flown["flag"][after : after + 50] == 1).all()

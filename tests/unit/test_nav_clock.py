@@ -116,14 +116,20 @@ def test_a_single_wrong_pulse_after_an_outage_does_not_lock_true_time_out():
     assert abs(ticker.error_ns(2611)) < 2000
 
 
-def test_tolerance_grows_with_the_age_of_the_last_pulse():
+def test_tolerance_of_a_tag_is_latching_and_six_sigmas_of_the_clock():
+    """Oracle: the covariance of a two-state clock propagated with its matrices."""
     ticker = Ticker(0.0)
     ticker.run(0, 10)
     counter = int(counter_at(T0_GPS_NS + 9 * NS))
+    q_phase, q_drift = 1e-20, 4e-19
     for age_s in (0, 1, 100, 2000):
-        expected = 1e9 * (2e-5 + 5e-6 * age_s)
-        assert clock.tolerance_ns(ticker.nav, ticker.table, counter + age_s * NS) == pytest.approx(expected, rel=1e-12)
-        assert clock.tolerance_ns(ticker.nav, ticker.table, counter - age_s * NS) == pytest.approx(expected, rel=1e-12)
+        phi = np.array([[1.0, age_s], [0.0, 1.0]])
+        noise = np.array([[age_s**3 / 3.0, age_s**2 / 2.0], [age_s**2 / 2.0, age_s]]) * q_drift
+        noise[0, 0] += q_phase * age_s
+        covariance = phi @ ticker.nav.clock_p @ phi.T + noise
+        expected = 1e9 * (2e-5 + 6.0 * np.sqrt(covariance[0, 0]))
+        assert clock.tolerance_ns(ticker.nav, ticker.table, counter + age_s * NS) == pytest.approx(expected, rel=1e-9)
+        assert clock.tolerance_ns(ticker.nav, ticker.table, counter - age_s * NS) == pytest.approx(expected, rel=1e-9)
 
 
 def test_an_oscillator_that_wandered_within_its_limit_is_followed_after_an_outage():
