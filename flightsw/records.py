@@ -124,6 +124,11 @@ NAV = np.dtype(
         ("monitor_information", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 6)),
         ("monitor_evidence", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 3)),
         ("monitor_absorbed", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES)),  # of a unit fault, in the position [m]
+        ("monitor_energy", "f8", (MONITOR_SLOTS,)),  # sum of the NIS since the onset
+        ("monitor_dof", "f8", (MONITOR_SLOTS,)),
+        ("monitor_fixes", "i8"),  # accepted since the start
+        ("monitor_watched", "i8"),  # fixes that it has seen
+        ("gate_run", "i8", (TYPES,)),  # refused by the gate one after the other
         ("monitor_statistic", "f8"),  # largest of the last fix
         ("monitor_kind", "i8"),  # its hypothesis
         ("monitor_good", "i8"),  # consistent fixes since an exclusion

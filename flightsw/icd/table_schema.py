@@ -146,9 +146,10 @@ NAVIGATION = Schema(
         *_group(
             "monitor",  # of slow faults and unannounced manoeuvres: generalised likelihood ratio
             _whole("monitor_use", "0 no, 1 yes", 0, 1, 0, "whether it runs"),
-            _real("monitor_threshold", "1", 1.0, 1e6, 45.0, "statistic (chi-square, 3 dof) that counts as found"),
+            _real("monitor_threshold", "1", 1.0, 1e6, 40.0, "statistic (chi-square, 3 dof) that counts as found"),
+            _real("monitor_margin", "1", 0.0, 1e6, 20.0, "by which a fault must beat a manoeuvre to be believed"),
             _whole("monitor_step_fixes", "count", 1, 1000, 10, "fixes between onsets that are held open"),
-            _whole("monitor_settle_fixes", "count", 1, 100000, 900, "accepted fixes before the first onset"),
+            _whole("monitor_settle_fixes", "count", 1, 100000, 900, "accepted fixes since the start before it runs"),
             _whole("monitor_clear_fixes", "count", 1, 100000, 60, "consistent fixes that end an exclusion"),
         ),
         *_group(

@@ -144,6 +144,8 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
         nav.P_bound[:, :] = nav.P
     nav.excluded[:] = 0
     nav.start_count = 0
+    nav.monitor_fixes = 0
+    nav.gate_run[:] = 0
     monitor.forget(nav)
     nav.unmodelled = 0
     nav.history_count = 0

@@ -160,6 +160,7 @@ def process(nav, table, model, inp, work, out):
         return cause
     nav.fixes_accepted += 1
     nav.streak += 1
+    nav.monitor_fixes += 1
     nav.candidate_count = 0
     nav.arc_count = 0
     nis_per_dof = out.nis / (flight_filter.degrees_of_freedom(out) if flying else MEASUREMENTS)

@@ -153,7 +153,6 @@ def correct(nav, table, row, inp, work, out):
         cause = _OPERATOR
         out.type_cause[_POSITION] = cause
 
-    used_velocity = False
     if inp.fix_has_velocity and not measurement.is_inhibited(nav, table, _VELOCITY):
         velocity = _test(nav, table, row, inp, _VELOCITY, gate, work, out)
         if nav.excluded[_VELOCITY]:
@@ -162,11 +161,10 @@ def correct(nav, table, row, inp, work, out):
             velocity = cause
             out.type_cause[_VELOCITY] = cause
         if velocity == USED:
-            used_velocity = True
             measurement.correct(table, work.x, work.UD, work)
     out.nis = _total(out.type_nis[_POSITION], out.type_nis[_VELOCITY])
-    if table.monitor_use:
-        _watch(nav, table, inp, used_position, used_velocity, gain, work, out)
+    if monitor.is_watching(nav, table):
+        _watch(nav, table, inp, gain, work, out)
     return cause
 
 
@@ -189,11 +187,13 @@ def degrees_of_freedom(out):
 
 
 @kernel
-def _watch(nav, table, inp, used_position, used_velocity, gain, work, out):
+def _watch(nav, table, inp, gain, work, out):
     """Let the monitor see the innovations; act on what it finds."""
-    if not (used_position or used_velocity) or nav.streak < table.monitor_settle_fixes:
+    position = out.type_nis[_POSITION] if monitor.counts(nav, _POSITION, out.type_cause[_POSITION]) else math.nan
+    velocity = out.type_nis[_VELOCITY] if monitor.counts(nav, _VELOCITY, out.type_cause[_VELOCITY]) else math.nan
+    if math.isnan(position) and math.isnan(velocity):
         return
-    slot = monitor.observe(nav, table, inp.fix_gps_ns, used_position, used_velocity, gain, work)
+    slot = monitor.observe(nav, table, inp.fix_gps_ns, position, velocity, gain, work)
     out.monitor_statistic = nav.monitor_statistic
     out.monitor_kind = nav.monitor_kind
     if slot == monitor.NOTHING:

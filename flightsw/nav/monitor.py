@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from flightsw.icd.enums import FaultKind, MeasurementType
+from flightsw.icd.enums import FaultKind, MeasurementType, RejectCause
 from flightsw.kernels.linalg import cholesky, solve_lower
 from flightsw.kernels.registry import kernel
 from flightsw.records import MONITOR_HYPOTHESES, MONITOR_SLOTS
@@ -24,9 +24,14 @@ VELOCITY_BIAS = int(FaultKind.VELOCITY_BIAS)
 POSITION = int(MeasurementType.POSITION)
 VELOCITY = int(MeasurementType.VELOCITY)
 
+_GATE = int(RejectCause.GATE)
+_USED = -1
 NOTHING = -1
-# every fix tests a quarter of the onsets: a fault is found at most three fixes later
-_TURNS = 4
+# measurements that the gate refuses count from the third in a row: one or two are spikes, and the gate has dealt with
+# them
+_SPIKES = 2
+# a statistic so many thresholds high is acted upon even where a fault of the receiver explains it as well
+_DOUBT = 3.0
 
 
 @kernel
@@ -45,6 +50,8 @@ def _open(nav, t_gps_ns):
     nav.monitor_information[k] = 0.0
     nav.monitor_evidence[k] = 0.0
     nav.monitor_absorbed[k] = 0.0
+    nav.monitor_energy[k] = 0.0
+    nav.monitor_dof[k] = 0.0
 
 
 @kernel
@@ -81,22 +88,54 @@ def _solve(nav, k, hypothesis, work):
 
 
 @kernel
-def observe(nav, table, t_gps_ns, used_position, used_velocity, gain_position, work):
-    """Take the innovations of a fix (work.innovation_type, work.weight_type: S^-1) and test.
+def is_watching(nav, table):
+    """Whether the filter has converged far enough for its innovations to be those of a healthy one."""
+    return table.monitor_use == 1 and nav.monitor_fixes >= table.monitor_settle_fixes
 
-    gain_position: mean gain of position by position, for what the state absorbs of a fault. Returns the slot of the
-    most likely onset where the statistic exceeds the threshold, else NOTHING; its kind is nav.monitor_kind.
+
+@kernel
+def counts(nav, kind, cause):
+    """Whether a tested measurement is evidence: used, or refused by the gate again and again."""
+    if cause == _USED:
+        nav.gate_run[kind] = 0
+        return True
+    if cause == _GATE:
+        nav.gate_run[kind] += 1
+        return nav.gate_run[kind] > _SPIKES
+    return False
+
+
+@kernel
+def _add(nav, k, nis):
+    nav.monitor_energy[k] += nis
+    nav.monitor_dof[k] += 3.0
+
+
+@kernel
+def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, work):
+    """Take the innovations of a fix (work.innovation_type, work.weight_type: S^-1) and test them.
+
+    position_nis, velocity_nis: of what counts as evidence, else NaN. gain_position: mean gain of position by position,
+    for what the state absorbs of a fault. Returns the slot of the most likely onset of nav.monitor_kind, or NOTHING.
+
+    A fault of the receiver is believed where its statistic beats that of a manoeuvre by a margin and what it leaves
+    of the innovations is noise: to exclude good fixes after a manoeuvre would leave an error that no bound knows of.
     """
     nav.monitor_statistic = 0.0
-    if nav.fixes_accepted % table.monitor_step_fixes == 0:
+    if nav.monitor_watched % table.monitor_step_fixes == 0:
         _open(nav, t_gps_ns)
-    best = NOTHING
+    nav.monitor_watched += 1
+    fault = 0.0
+    fault_kind = NOTHING
+    fault_slot = NOTHING
+    manoeuvre = 0.0
+    manoeuvre_slot = NOTHING
     for k in range(MONITOR_SLOTS):
         onset = nav.monitor_t_gps_ns[k]
         if onset == 0:
             continue
         age_s = (t_gps_ns - onset) * 1e-9
-        if used_position:
+        if not math.isnan(position_nis):
             weight = work.weight_type[POSITION]
             innovation = work.innovation_type[POSITION]
             absorbed = nav.monitor_absorbed[k]
@@ -106,20 +145,41 @@ def observe(nav, table, t_gps_ns, used_position, used_velocity, gain_position, w
             absorbed[MANOEUVRE] += gain_position * (age_s - absorbed[MANOEUVRE])
             absorbed[POSITION_RAMP] += gain_position * (age_s - absorbed[POSITION_RAMP])
             absorbed[POSITION_STEP] += gain_position * (1.0 - absorbed[POSITION_STEP])
-        if used_velocity:
+            _add(nav, k, position_nis)
+        if not math.isnan(velocity_nis):
             weight = work.weight_type[VELOCITY]
             innovation = work.innovation_type[VELOCITY]
             _gather(nav, k, MANOEUVRE, 1.0, weight, innovation)
             _gather(nav, k, VELOCITY_BIAS, 1.0, weight, innovation)
-        if k % _TURNS != nav.fixes_accepted % _TURNS:
-            continue
+            _add(nav, k, velocity_nis)
         for hypothesis in range(MONITOR_HYPOTHESES):
             statistic = _solve(nav, k, hypothesis, work)
             if statistic > nav.monitor_statistic:
                 nav.monitor_statistic = statistic
                 nav.monitor_kind = hypothesis
-                best = k
-    return best if nav.monitor_statistic > table.monitor_threshold else NOTHING
+            if hypothesis == MANOEUVRE:
+                if statistic > manoeuvre:
+                    manoeuvre = statistic
+                    manoeuvre_slot = k
+            elif statistic > fault and _fits(nav, k, statistic):
+                fault = statistic
+                fault_kind = hypothesis
+                fault_slot = k
+    if fault > table.monitor_threshold and fault - manoeuvre > table.monitor_margin:
+        nav.monitor_kind = fault_kind
+        return fault_slot
+    # between the two lies doubt, which the next fixes resolve
+    if manoeuvre > table.monitor_threshold and (manoeuvre >= fault or manoeuvre > _DOUBT * table.monitor_threshold):
+        nav.monitor_kind = MANOEUVRE
+        return manoeuvre_slot
+    return NOTHING
+
+
+@kernel
+def _fits(nav, k, statistic):
+    """Whether what a hypothesis leaves of the innovations since its onset is noise: chi-square, at five sigma."""
+    dof = nav.monitor_dof[k] - 3.0
+    return nav.monitor_energy[k] - statistic <= dof + 5.0 * math.sqrt(2.0 * max(dof, 1.0)) + 5.0
 
 
 @kernel

@@ -15,7 +15,7 @@ from flightsw.icd.enums import EditMode, NavCommand, RejectCause
 from flightsw.integrity import failure_flag
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
-from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre
+from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre, monitor
 from flightsw.nav.dynamics import Model
 from flightsw.nav.publish import publish
 from flightsw.records import (
@@ -220,6 +220,7 @@ def step(
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
+        monitor.forget(nav)
         nav.da_bin = -1  # the passage of a bin of stored dA ends with the fixes
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
     publish(nav, table, model, t_now, work, out)
