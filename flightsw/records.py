@@ -119,7 +119,7 @@ NAV = np.dtype(
         ("attitude_q", "f8", (4,)),
         ("attitude_sigma_rad", "f8"),
         # monitor of slow faults, by onset and hypothesis: information (upper triangle) and what speaks for it
-        ("monitor_next", "i8"),
+        ("monitor_next", "i8", (2,)),
         ("monitor_t_gps_ns", "i8", (MONITOR_SLOTS,)),  # 0: free
         ("monitor_information", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 6)),
         ("monitor_evidence", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 3)),
@@ -131,8 +131,10 @@ NAV = np.dtype(
         ("gate_run", "i8", (TYPES,)),  # refused by the gate one after the other
         ("monitor_statistic", "f8"),  # largest of the last fix
         ("monitor_kind", "i8"),  # its hypothesis
-        ("monitor_good", "i8"),  # consistent fixes since an exclusion
-        ("monitor_sum", "f8", (TYPES, 3)),  # of their whitened innovations
+        ("monitor_doubt_m", "f8"),  # what the bound has on top while a manoeuvre and a fault both explain the fixes
+        ("monitor_pause", "i8"),  # fixes for which nothing but a manoeuvre is believed, after one
+        ("monitor_good", "i8", (TYPES,)),  # fixes of an excluded type in the present window
+        ("monitor_sum", "f8", (TYPES, 3)),  # of their innovations, ITRF axes
         # bound, flag, mode
         ("t_evaluated_gps_ns", "i8"),
         ("bound_own_m", "f8"),

@@ -47,6 +47,7 @@ class AlertId(IntEnum):
     FORCES_EXPIRED = 19
     EDITING_OVERRIDDEN = 20
     BURN_ACTIVE = 21
+    FIXES_IN_DOUBT = 22
 
 
 class Alert(NamedTuple):
@@ -80,6 +81,7 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.BURN_REFUSED, Severity.ALERT, "Announced burn refused: late or not valid"),
         Alert(AlertId.FORCES_EXPIRED, Severity.WARNING, "Force table is past its validity"),
         Alert(AlertId.EDITING_OVERRIDDEN, Severity.NOTICE, "Measurement editing overridden"),
+        Alert(AlertId.FIXES_IN_DOUBT, Severity.ALERT, "Fixes drift off the state: fault or manoeuvre"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

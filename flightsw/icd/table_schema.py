@@ -148,13 +148,16 @@ NAVIGATION = Schema(
             _whole("monitor_use", "0 no, 1 yes", 0, 1, 0, "whether it runs"),
             _real("monitor_threshold", "1", 1.0, 1e6, 40.0, "statistic (chi-square, 3 dof) that counts as found"),
             _real("monitor_margin", "1", 0.0, 1e6, 20.0, "by which a fault must beat a manoeuvre to be believed"),
-            _whole("monitor_step_fixes", "count", 1, 1000, 10, "fixes between onsets that are held open"),
+            _real("monitor_doubt_s", "s", 1.0, 1e5, 500.0, "doubt between the two that lasts longer is a manoeuvre"),
+            _whole("monitor_pause_fixes", "count", 0, 100000, 300, "after a manoeuvre only another is believed"),
+            _whole("monitor_step_fixes", "count", 1, 1000, 5, "fixes between the 16 dense onsets; 8 x the sparse"),
             _whole("monitor_settle_fixes", "count", 1, 100000, 900, "accepted fixes since the start before it runs"),
-            _whole("monitor_clear_fixes", "count", 1, 100000, 60, "consistent fixes that end an exclusion"),
+            _whole("monitor_clear_fixes", "count", 1, 100000, 60, "fixes whose mean decides about an excluded type"),
         ),
         *_group(
             "manoeuvre",  # announced burns
             _real("burn_late_max_s", "s", 0.0, 60.0, 5.0, "a burn announced later after its start is refused"),
+            _real("burn_ahead_max_s", "s", 0.0, 1e7, 7200.0, "a burn announced earlier before its start is refused"),
             _real("burn_dv_max_mps", "m/s", 0.0, 1e4, 500.0, "largest component"),
             _real("burn_duration_max_s", "s", 0.0, 1e5, 7200.0, "longest burn"),
         ),

@@ -15,11 +15,10 @@ from flightsw.nav.flight_model import orbital_rate_radps, rtn_basis
 _INVALID = int(RejectCause.ATTITUDE_INVALID)
 _BUS = 1
 TAKEN = -1
-_CENTURY_NS = 3_155_760_000_000_000_000
 
 
 @kernel
-def take_attitude(nav, inp):
+def take_attitude(nav, table, inp, t_now_gps_ns):
     """Keep an attitude from the bus. Returns TAKEN or the RejectCause."""
     size = 0.0
     for i in range(4):
@@ -28,7 +27,10 @@ def take_attitude(nav, inp):
         return _INVALID
     if not (inp.attitude_sigma_rad >= 0.0 and inp.attitude_sigma_rad <= math.pi):
         return _INVALID
-    if inp.attitude_gps_ns <= nav.attitude_gps_ns or inp.attitude_gps_ns > _CENTURY_NS:
+    if inp.attitude_gps_ns <= nav.attitude_gps_ns:
+        return _INVALID
+    # a time far ahead would lock out all that follow; compared so that no difference can overflow
+    if inp.attitude_gps_ns > t_now_gps_ns + int(table.attitude_max_age_s * 1e9):
         return _INVALID
     scale = 1.0 / math.sqrt(size)
     for i in range(4):
@@ -97,3 +99,14 @@ def offset(nav, table, t_gps_ns, x, work, dr_m, dv_mps):
     dv_mps[0] = n1 * dr_m[2] - n2 * dr_m[1]
     dv_mps[1] = n2 * dr_m[0] - n0 * dr_m[2]
     dv_mps[2] = n0 * dr_m[1] - n1 * dr_m[0]
+
+
+@kernel
+def to_centre_of_mass(nav, table, t_gps_ns, x, work):
+    """The fix in work.z [m, m/s, GCRF], measured at the antenna, as one of the centre of mass; x gives the orbit."""
+    if _arm_m(table) == 0.0:
+        return
+    offset(nav, table, t_gps_ns, x, work, work.lever_m, work.three)
+    for i in range(3):
+        work.z[i] -= work.lever_m[i]
+        work.z[3 + i] -= work.three[i]

@@ -81,8 +81,8 @@ def _look_ahead_flight(nav, table, dt_s, work):
     axis_m = axis_bound_m(table, work.P_rv)
     radius_m = radius_bound_m(table, work.P_rv)
     flight_filter.position_covariance(nav, table, nav.t_gps_ns, nav.UD, v, now_s2, work)
-    nav.bound_own_m = _larger(axis_bound_m(table, work.P_rv), axis_m)
-    nav.bound_own_3d_m = _larger(radius_bound_m(table, work.P_rv), radius_m)
+    nav.bound_own_m = _larger(axis_bound_m(table, work.P_rv), axis_m) + nav.monitor_doubt_m
+    nav.bound_own_3d_m = _larger(radius_bound_m(table, work.P_rv), radius_m) + nav.monitor_doubt_m
     nav.bound_coast_m = nav.bound_own_m
     nav.bound_coast_3d_m = nav.bound_own_3d_m
     for i in range(MEASUREMENTS):
@@ -145,6 +145,7 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     nav.excluded[:] = 0
     nav.start_count = 0
     nav.monitor_fixes = 0
+    nav.monitor_pause = 0
     nav.gate_run[:] = 0
     monitor.forget(nav)
     nav.unmodelled = 0

@@ -9,7 +9,7 @@ from flightsw.icd.enums import MeasurementType, RejectCause
 from flightsw.integrity import failure_flag
 from flightsw.kernels import frames
 from flightsw.kernels.registry import kernel
-from flightsw.nav import chain, flight_filter, flight_model, stored_acceleration
+from flightsw.nav import antenna, chain, flight_filter, flight_model, stored_acceleration
 from flightsw.nav.candidate import offer, offer_position
 from flightsw.nav.filter import correct, innovate, is_sound
 from flightsw.records import MEASUREMENTS, TYPES
@@ -134,6 +134,8 @@ def process(nav, table, model, inp, work, out):
     if not nav.initialised:
         frames.pole_gcrf(model.eop, t_gps_ns, work, nav.pole)
         if _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.init_fixes, work):
+            if table.filter_model == flight_model.FLIGHT:
+                antenna.to_centre_of_mass(nav, table, t_gps_ns, work.z, work)
             _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work)
             out.events |= _INITIALISED
         return USED

@@ -19,6 +19,12 @@ _OPERATOR = int(RejectCause.OPERATOR)
 _SLOW_FAULT = 1 << int(AlertId.SLOW_FAULT)
 _MANOEUVRE = 1 << int(AlertId.MANOEUVRE_DETECTED)
 
+# sigma to which a manoeuvre opens the velocity, by what has been found of it: found early, it may be a part of what
+# goes on
+_OPENING_EARLY = 3.0
+_OPENING = 1.0
+_EARLY_S = 30.0
+
 USED = measurement.USED
 ABSENT = measurement.ABSENT
 
@@ -103,9 +109,7 @@ def _test(nav, table, row, inp, kind, gate, work, out):
 @kernel
 def _may_return(nav, table, kind, work):
     """An excluded type is watched; once it fits the state again it is let back in."""
-    monitor.whiten_excluded(nav, kind, work)
-    nav.monitor_good += 1
-    if monitor.has_recovered(nav, table, kind):
+    if monitor.watch_excluded(nav, table, kind, work):
         nav.excluded[kind] = 0
         monitor.forget(nav)
 
@@ -117,10 +121,7 @@ def correct(nav, table, row, inp, work, out):
     A velocity goes with its position: where the gate or the monitor refuses the one, the receiver is not trusted for
     the other. Where the operator leaves positions out, velocities serve alone.
     """
-    antenna.offset(nav, table, inp.fix_gps_ns, work.x, work, work.lever_m, work.three)
-    for i in range(3):
-        work.z[i] -= work.lever_m[i]
-        work.z[3 + i] -= work.three[i]
+    antenna.to_centre_of_mass(nav, table, inp.fix_gps_ns, work.x, work)
     starting = nav.streak == 0 and nav.fixes_accepted > 0
     gate = table.gate_start_nis if starting else table.gate_continue_nis
     out.gate = gate
@@ -200,22 +201,26 @@ def _watch(nav, table, inp, gain, work, out):
         return
     sigma = monitor.fault_size(nav, slot, work)
     age_s = (inp.fix_gps_ns - nav.monitor_t_gps_ns[slot]) * 1e-9
-    size2 = sigma * sigma
+    found2 = 0.0
     for i in range(3):
-        size2 += work.residual[i] ** 2
+        found2 += work.residual[i] ** 2
     if nav.monitor_kind == monitor.MANOEUVRE:
         out.events |= _MANOEUVRE
+        nav.monitor_pause = table.monitor_pause_fixes
+        opening = _OPENING_EARLY if age_s < _EARLY_S else _OPENING
         for c in range(3):
-            widen(table, work.UD, c, age_s, 1.0, size2, work)
+            widen(table, work.UD, c, age_s, 1.0, opening * opening * found2 + sigma * sigma, work)
+            # its course since the onset is not known
+            widen(table, work.UD, c, age_s, 0.0, found2 / 3.0, work)
     else:
         out.events |= _SLOW_FAULT
         kind = _VELOCITY if nav.monitor_kind == monitor.VELOCITY_BIAS else _POSITION
         nav.excluded[kind] = 1
-        nav.monitor_good = 0
-        nav.monitor_sum[:, :] = 0.0
+        nav.monitor_good[kind] = 0
+        nav.monitor_sum[kind, :] = 0.0
         absorbed = 2.0 * nav.monitor_absorbed[slot, nav.monitor_kind]
         for c in range(3):
-            widen(table, work.UD, c, absorbed, 0.0, size2, work)
+            widen(table, work.UD, c, absorbed, 0.0, found2 + sigma * sigma, work)
     monitor.forget(nav)
 
 

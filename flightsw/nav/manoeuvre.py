@@ -152,6 +152,8 @@ def announce(nav, table, inp, t_now_gps_ns):
             return KNOWN
     if inp.burn_start_gps_ns < t_now_gps_ns - int(table.burn_late_max_s * 1e9):
         return REFUSED - _LATE
+    if inp.burn_start_gps_ns > t_now_gps_ns + int(table.burn_ahead_max_s * 1e9):
+        return REFUSED - _INVALID
     slot = -1
     for k in range(BURNS):
         if nav.burn_duration_ns[k] > 0 and nav.burn_id[k] == inp.burn_id:

@@ -30,8 +30,14 @@ NOTHING = -1
 # measurements that the gate refuses count from the third in a row: one or two are spikes, and the gate has dealt with
 # them
 _SPIKES = 2
-# a statistic so many thresholds high is acted upon even where a fault of the receiver explains it as well
-_DOUBT = 3.0
+# share of its own statistic that a manoeuvre may leave unexplained: a burn takes time
+_UNEXPLAINED = 0.5
+# two rings of onsets: dense ones for what is found at once, sparse ones for what takes minutes
+_RING = MONITOR_SLOTS // 2
+_SPARSE = 8
+# chi-square of three degrees of freedom, 0.999
+_RETURN = 16.27
+_AHEAD_S = 2.0  # until the next fix has been seen
 
 
 @kernel
@@ -40,12 +46,13 @@ def forget(nav):
     nav.monitor_t_gps_ns[:] = 0
     nav.monitor_statistic = 0.0
     nav.monitor_kind = MANOEUVRE
+    nav.monitor_doubt_m = 0.0
 
 
 @kernel
-def _open(nav, t_gps_ns):
-    k = nav.monitor_next
-    nav.monitor_next = (k + 1) % MONITOR_SLOTS
+def _open(nav, ring, t_gps_ns):
+    k = ring * _RING + nav.monitor_next[ring]
+    nav.monitor_next[ring] = (nav.monitor_next[ring] + 1) % _RING
     nav.monitor_t_gps_ns[k] = t_gps_ns
     nav.monitor_information[k] = 0.0
     nav.monitor_evidence[k] = 0.0
@@ -118,12 +125,17 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, wor
     position_nis, velocity_nis: of what counts as evidence, else NaN. gain_position: mean gain of position by position,
     for what the state absorbs of a fault. Returns the slot of the most likely onset of nav.monitor_kind, or NOTHING.
 
-    A fault of the receiver is believed where its statistic beats that of a manoeuvre by a margin and what it leaves
-    of the innovations is noise: to exclude good fixes after a manoeuvre would leave an error that no bound knows of.
+    A hypothesis must leave nothing but noise of the innovations. A fault of the receiver is believed where it beats a
+    manoeuvre by a margin, and the other way round: to exclude good fixes after a manoeuvre would leave an error that
+    no bound knows of. Doubt that lasts, and what comes soon after a manoeuvre, is a manoeuvre. What fits neither (a
+    frozen fix) is left to the gate.
     """
     nav.monitor_statistic = 0.0
+    nav.monitor_doubt_m = 0.0
     if nav.monitor_watched % table.monitor_step_fixes == 0:
-        _open(nav, t_gps_ns)
+        _open(nav, 0, t_gps_ns)
+    if nav.monitor_watched % (_SPARSE * table.monitor_step_fixes) == 0:
+        _open(nav, 1, t_gps_ns)
     nav.monitor_watched += 1
     fault = 0.0
     fault_kind = NOTHING
@@ -158,28 +170,37 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, wor
                 nav.monitor_statistic = statistic
                 nav.monitor_kind = hypothesis
             if hypothesis == MANOEUVRE:
-                if statistic > manoeuvre:
+                if statistic > manoeuvre and _fits(nav, k, statistic, _UNEXPLAINED * statistic):
                     manoeuvre = statistic
                     manoeuvre_slot = k
-            elif statistic > fault and _fits(nav, k, statistic):
+            elif statistic > fault and _fits(nav, k, statistic, 0.0):
                 fault = statistic
                 fault_kind = hypothesis
                 fault_slot = k
-    if fault > table.monitor_threshold and fault - manoeuvre > table.monitor_margin:
+    calm = nav.monitor_pause == 0
+    if nav.monitor_pause > 0:
+        nav.monitor_pause -= 1
+    if calm and fault > table.monitor_threshold and fault - manoeuvre > table.monitor_margin:
         nav.monitor_kind = fault_kind
         return fault_slot
-    # between the two lies doubt, which the next fixes resolve
-    if manoeuvre > table.monitor_threshold and (manoeuvre >= fault or manoeuvre > _DOUBT * table.monitor_threshold):
+    if manoeuvre > table.monitor_threshold:
         nav.monitor_kind = MANOEUVRE
-        return manoeuvre_slot
+        age_s = (t_gps_ns - nav.monitor_t_gps_ns[manoeuvre_slot]) * 1e-9
+        if not calm or manoeuvre - fault > table.monitor_margin or age_s > table.monitor_doubt_s:
+            return manoeuvre_slot
+        # in doubt: the next fixes will tell; until then the bound holds for a manoeuvre too
+        sigma = fault_size(nav, manoeuvre_slot, work)
+        speed = math.sqrt(work.residual[0] ** 2 + work.residual[1] ** 2 + work.residual[2] ** 2) + 3.0 * sigma
+        nav.monitor_doubt_m = speed * (age_s + _AHEAD_S)
     return NOTHING
 
 
 @kernel
-def _fits(nav, k, statistic):
-    """Whether what a hypothesis leaves of the innovations since its onset is noise: chi-square, at five sigma."""
+def _fits(nav, k, statistic, allowed):
+    """Whether what a hypothesis leaves of the innovations since its onset is noise, and at most `allowed` beside."""
     dof = nav.monitor_dof[k] - 3.0
-    return nav.monitor_energy[k] - statistic <= dof + 5.0 * math.sqrt(2.0 * max(dof, 1.0)) + 5.0
+    noise = dof + 5.0 * math.sqrt(2.0 * max(dof, 1.0)) + 5.0
+    return nav.monitor_energy[k] - statistic <= noise + allowed
 
 
 @kernel
@@ -201,28 +222,28 @@ def fault_size(nav, k, work):
 
 
 @kernel
-def whiten_excluded(nav, kind, work):
-    """Add the whitened innovation of an excluded type to the sum that decides about its return."""
-    lower = work.S_lower
-    y = work.three
-    solve_lower(lower, work.innovation_type[kind], y)
-    for i in range(3):
-        nav.monitor_sum[kind, i] += y[i]
+def watch_excluded(nav, table, kind, work):
+    """Whether an excluded type may return: the mean of its last innovations, over a full window, fits the state again.
 
-
-@kernel
-def has_recovered(nav, table, kind):
-    """Whether the last fixes of an excluded type fit the state again: their mean, over a full window.
-
-    The sum of n white innovations has variance n: it must lie within three sigma of nothing, axis by axis.
+    The mean of n innovations has covariance H P H' + R / n: noise averages out, the state's error does not. To be
+    called after `evaluate`, once for each fix.
     """
-    if nav.monitor_good < table.monitor_clear_fixes:
+    for axis in range(3):
+        nav.monitor_sum[kind, axis] += work.residual[axis]
+    nav.monitor_good[kind] += 1
+    n = nav.monitor_good[kind]
+    if n < table.monitor_clear_fixes:
         return False
-    limit = 3.0 * math.sqrt(1.0 * nav.monitor_good)
-    recovered = True
-    for i in range(3):
-        if not (abs(nav.monitor_sum[kind, i]) <= limit):
-            recovered = False
-        nav.monitor_sum[kind, i] = 0.0
-    nav.monitor_good = 0
-    return recovered
+    mean = work.three
+    s = work.weight
+    for a in range(3):
+        mean[a] = nav.monitor_sum[kind, a] / n
+        for b in range(3):
+            s[a, b] = work.S[a, b]
+        s[a, a] -= work.sigma[a] ** 2 * (1.0 - 1.0 / n)
+        nav.monitor_sum[kind, a] = 0.0
+    nav.monitor_good[kind] = 0
+    if not cholesky(s, work.S_lower):
+        return False
+    solve_lower(work.S_lower, mean, mean)
+    return mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2 <= _RETURN

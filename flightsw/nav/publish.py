@@ -31,6 +31,7 @@ _OUTAGE_BIT = 1 << int(AlertId.OUTAGE_START)
 _DA_MISSING_BIT = 1 << int(AlertId.STORED_DA_MISSING)
 _FORCES_BIT = 1 << int(AlertId.FORCES_EXPIRED)
 _BURN_BIT = 1 << int(AlertId.BURN_ACTIVE)
+_DOUBT_BIT = 1 << int(AlertId.FIXES_IN_DOUBT)
 _SLOW_FAULT_BIT = 1 << int(AlertId.SLOW_FAULT)
 _EDITING_BIT = 1 << int(AlertId.EDITING_OVERRIDDEN)
 _AUTO = int(EditMode.AUTO)
@@ -100,6 +101,10 @@ def publish(nav, table, model, t_gps_ns, work, out):
         if not frames.covers(model.eop, t_gps_ns):
             out.alerts |= _ORIENTATION_BIT
         out.sigma_time_s = math.sqrt(clock.phase_variance_s2(nav, table, t_gps_ns))
+        if table.filter_model == flight_model.FLIGHT:
+            forces = model.forces
+            if t_gps_ns < forces.valid_from_gps_ns or t_gps_ns > forces.valid_until_gps_ns:
+                out.alerts |= _FORCES_BIT
         if manoeuvre.is_active(nav, t_gps_ns, 1e-9):
             out.alerts |= _BURN_BIT
 
@@ -135,6 +140,8 @@ def publish(nav, table, model, t_gps_ns, work, out):
     if out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING:
         out.validity |= _STATE_VALID
 
+    if nav.monitor_doubt_m > 0.0:
+        out.alerts |= _DOUBT_BIT
     for kind in range(TYPES):
         if nav.excluded[kind]:
             out.alerts |= _SLOW_FAULT_BIT

@@ -66,6 +66,17 @@ def _give_up(nav):
 
 
 @kernel
+def _begin_new_time(nav, out):
+    """Every time stamp held so far belongs to the old time."""
+    out.events |= _CLOCK_REINITIALISED
+    _give_up(nav)
+    nav.t_seen_gps_ns = 0
+    nav.t_evaluated_gps_ns = 0
+    nav.attitude_gps_ns = 0
+    nav.da_samples[:] = 0
+
+
+@kernel
 def _keep_time(nav, table, inp, out):
     outcome = clock.take_pulse(
         nav,
@@ -77,13 +88,7 @@ def _keep_time(nav, table, inp, out):
         inp.counter_now_ns,
     )
     if outcome == clock.RESTARTED:
-        # Every time stamp held so far belongs to the old time.
-        out.events |= _CLOCK_REINITIALISED
-        _give_up(nav)
-        nav.t_seen_gps_ns = 0
-        nav.t_evaluated_gps_ns = 0
-        nav.attitude_gps_ns = 0
-        nav.da_samples[:] = 0
+        _begin_new_time(nav, out)
     elif outcome >= 0:
         nav.rejected[outcome] += 1
         if outcome == _SYNC_JUMP:
@@ -92,6 +97,9 @@ def _keep_time(nav, table, inp, out):
 
 @kernel
 def _take_fix(nav, table, model, inp, work, out):
+    tag = clock.take_tag(nav, table, inp.fix_gps_ns, inp.fix_counter_ns, inp.counter_now_ns)
+    if tag == clock.RESTARTED:
+        _begin_new_time(nav, out)
     if not nav.clock_valid:
         cause = _CLOCK_UNSET
     else:
@@ -197,7 +205,9 @@ def step(
     if inp.command_present:
         _obey(nav, table, inp)
     if inp.attitude_present:
-        cause = antenna.take_attitude(nav, inp)
+        cause = _CLOCK_UNSET
+        if nav.clock_valid:
+            cause = antenna.take_attitude(nav, table, inp, clock.gps_at(nav, inp.counter_now_ns))
         if cause >= 0:
             nav.rejected[cause] += 1
     if inp.burn_present:
