@@ -118,6 +118,12 @@ class Gnss(Section, kw_only=True, frozen=True):
     ) = None
     velocity: Annotated[bool, Meta(description="whether fixes come with a velocity")] = True
     antenna_offset_m: AntennaOffset = (0.0, 0.0, 0.0)
+    # fixes solved from a real receiver's RINEX observations and SP3 orbits; the simulated receiver is then silent
+    recorded: str | None = None
+    recorded_orbits: tuple[str, ...] = ()
+    recorded_antennas: Annotated[
+        bool, Meta(description="whether the places of the satellites' antennas are corrected for, true or false")
+    ] = True
     latency_s: Annotated[float, _range(0.0, 10.0, "measurement to arrival on the bus in seconds")] = 0.2
     dropout_probability: Probability = 0.0
     satellites: Annotated[int, Meta(ge=0, le=64, description="satellites reported in a fix")] = 12
