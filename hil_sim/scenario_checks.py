@@ -50,21 +50,6 @@ def _check_fault(key: str, fault: Fault, scenario: Scenario) -> Iterator[Problem
             )
         elif not getattr(scenario, fault.target, None):
             yield Problem(f"{key}.target", f"the scenario has no {fault.target}", "add it, or choose another target")
-    yield from _check_recording(scenario)
-
-
-def _check_recording(scenario: Scenario) -> Iterator[Problem]:
-    gnss = scenario.gnss
-    if (gnss.recorded is None) != (not gnss.recorded_orbits):
-        key = "gnss.recorded" if gnss.recorded is None else "gnss.recorded_orbits"
-        yield Problem(key, "observations are solved with precise orbits of their days", "give both, or neither")
-    if gnss.recorded is not None and scenario.orbit.source == "propagated":
-        yield Problem(
-            "gnss.recorded", "a recorded receiver flew one orbit only", 'set orbit.source = "file" and give it'
-        )
-    noise = (gnss.sigma_position_m, gnss.sigma_velocity_mps, gnss.coloured_sigma_m, gnss.periodic_sigma_m)
-    if gnss.recorded is not None and any(noise):
-        yield Problem("gnss.sigma_position_m", "a recorded receiver has its own noise", "set all noise of gnss to 0")
 
 
 def whole_epochs(rate_hz: float) -> bool:
