@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableRefused, decode, encode
 from flightsw.icd.table_schema import FORCES
 from ground.errors import OperatorError, did_you_mean
@@ -99,10 +100,9 @@ def build_forces(
         given["order"] = given["degree"]
     for key, value in given.items():
         record[key] = _number(key, value)
-    if record["order"] > record["degree"]:
-        raise OperatorError(f"order = {record['order']} exceeds degree = {record['degree']}; lower it")
-    if record["valid_from_gps_ns"] >= record["valid_until_gps_ns"]:
-        raise OperatorError("valid_from_gps_ns is not before valid_until_gps_ns; give --day, or both")
+    found = problems(FORCES.name, values)
+    if found:
+        raise OperatorError("; also ".join(found))
     # The header of the file says the same; there 0 stands for "without end".
     valid_from, end = int(record["valid_from_gps_ns"]), int(record["valid_until_gps_ns"])
     valid_to = 0 if end == _FIELDS["valid_until_gps_ns"].maximum else end

@@ -168,12 +168,12 @@ def test_a_validity_that_is_none_is_refused(days: float) -> None:
         ({"degre": 50}, 'did you mean "degree"'),
         ({"degree": 121}, "outside"),
         ({"degree": 50.5}, "whole number"),
-        ({"degree": 20, "order": 30}, "order = 30 exceeds degree = 20"),
+        ({"degree": 20, "order": 30}, "order = 30 exceeds degree = 20; lower order"),
         ({"integrator": "RK5"}, "none of RK4, RK8, RKN5"),
         ({"f107": float("nan")}, "outside"),
         ({"drag_coefficient": "big"}, "numbers"),
         ({"sun": True}, "whole number"),
-        ({"valid_from_gps_ns": 5, "valid_until_gps_ns": 5}, "not before valid_until_gps_ns"),
+        ({"valid_from_gps_ns": 5, "valid_until_gps_ns": 5}, "is that of valid_until_gps_ns"),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name(overrides: dict[str, object], said: str) -> None:
