@@ -100,6 +100,11 @@ format: setup  ## rewrite the sources in the project's format
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
+.PHONY: accuracy
+# Finished orbits are kept: the same command goes on where it was stopped. About an hour on two processors.
+accuracy: setup  ## the flight filter on real and simulated orbits: figures, plots and verdict in runs/accuracy
+	@$(PY) -m ground accuracy bench --out runs/accuracy --oscillator
+
 .PHONY: console
 console: setup  ## replay a recorded run (RUN=runs/nominal) on the console, 60 times as fast as it was flown
 	@test -f $(RUN)/link.tlog || { echo "console: no $(RUN)/link.tlog; fly one with make sil, or name it: RUN=DIR"; exit 1; }

@@ -10,6 +10,7 @@ import numpy as np
 
 from flightsw.can_port import CanPort
 from flightsw.clock import Clock
+from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
 from flightsw.journal import Journal
 from flightsw.kernels import registry
@@ -63,6 +64,8 @@ def _load(folder: Path, names: tuple[str, ...]) -> list[TableImage]:
             raise PreflightFailed(f"{path}: refused: {error}") from error
         if image.kind != kind:
             raise PreflightFailed(f"{path}: holds a table of kind {image.kind}; {kind} is needed here")
+        if found := problems(kind, image.values):
+            raise PreflightFailed(f"{path}: refused: {'; also '.join(found)}")
         images.append(image)
     return images
 

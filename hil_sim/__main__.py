@@ -1,4 +1,4 @@
-"""`hil_sim list | show | run`: arguments, exit codes, nothing else. 0 done, 1 the run failed, 2 refused."""
+"""`hil_sim list | keys | show | run`: arguments, exit codes, nothing else. 0 done, 1 the run failed, 2 refused."""
 
 from __future__ import annotations
 
@@ -46,6 +46,14 @@ def _list(options: argparse.Namespace) -> int:
     return 0
 
 
+def _keys(options: argparse.Namespace) -> int:
+    from hil_sim import scenario_help
+
+    del options
+    print(scenario_help.describe_keys())
+    return 0
+
+
 def _show(options: argparse.Namespace) -> int:
     from hil_sim import scenario
 
@@ -75,9 +83,11 @@ def _speed(text: str) -> float:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="hil_sim", description="Flies a satellite against the flight software.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | run")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | keys | show | run")
     listing = commands.add_parser("list", help="scenarios that ship")
     listing.set_defaults(action=_list)
+    keys = commands.add_parser("keys", help="every key a scenario may hold, with default and meaning")
+    keys.set_defaults(action=_keys)
     for name, action, help_text in (
         ("show", _show, "every resolved key of a scenario and where its value comes from"),
         ("run", _run, "fly a scenario and leave its record in a folder"),

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 CAN_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-TARGETS = ("all", "position", "velocity", "sync", "burn", "attitude", "command")
+RECEIVER_TARGETS = ("all", "position", "velocity", "sync")
+TARGETS = (*RECEIVER_TARGETS, "burn", "attitude", "command")
+ON_THE_BUS = ("frame_drop", "bit_flip", "truncate")  # the kinds that strike frames of any sender
 
 
 class FaultKind(NamedTuple):

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil_sim.fault_kinds import KINDS
+from hil_sim.fault_kinds import KINDS, ON_THE_BUS
 from hil_sim.frames import FrameSeries
 from hil_sim.gps_time import NS, WEEK_NS
 from hil_sim.scenario_schema import Fault
@@ -54,7 +54,7 @@ class FaultInjector:
         receiver: whether they are the GNSS receiver's, or those of all other senders.
         """
         for fault, stream in zip(self._faults, self._streams if receiver else self._other_streams, strict=True):
-            if fault.kind not in ("frame_drop", "bit_flip", "truncate"):
+            if fault.kind not in ON_THE_BUS:
                 continue
             hit = self._hit(fault, frames.t_true_gps_ns, stream)
             if fault.target != "all":

@@ -155,7 +155,7 @@ def describe(loaded: LoadedScenario) -> str:
     width = max(len(key) for key in values)
     lines = [f"# {loaded.scenario.name}: {loaded.path}"]
     for key, value in values.items():
-        shown = "-" if value is None else _toml(value)
+        shown = "-" if value is None else toml_text(value)
         lines.append(f"{key:<{width}}  {shown:<28} {loaded.origin.get(key, 'default')}")
     return "\n".join(lines)
 
@@ -252,7 +252,7 @@ def _explain_invalid(message: str, tree: dict[str, Any]) -> tuple[str, str]:
     if missing:
         key = f"{key}.{missing.group(1)}".lstrip(".")
         return key, f"missing; give {_doc(key) or 'a value'}"
-    shown, remedy = _toml(_get(tree, key)), _doc(key)
+    shown, remedy = toml_text(_get(tree, key)), _doc(key)
     expected = what.replace("Expected ", "expected ").replace("`", "")
     if "matching regex" in expected:
         return key, f"{shown} refused: write {remedy}"
@@ -352,7 +352,8 @@ def _stringify_moments(tree: dict[str, Any]) -> None:
         time["start"] = time["start"].isoformat()
 
 
-def _toml(value: Any) -> str:
+def toml_text(value: Any) -> str:
+    """A value as a scenario file would write it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -360,5 +361,5 @@ def _toml(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.12g}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
+        return "[" + ", ".join(toml_text(item) for item in value) + "]"
     return str(value)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hil_sim.scenario_schema import Burn, Command, Problem, Scenario
+from hil_sim.fault_kinds import ON_THE_BUS, RECEIVER_TARGETS
+from hil_sim.scenario_schema import Burn, Command, Fault, Problem, Scenario
 
 MAXIMUM_BURNS = 255  # the frame's number of the burn has eight bits
 
@@ -20,10 +21,35 @@ def check_events(scenario: Scenario) -> Iterator[Problem]:
             f"{scenario.attitude.rate_hz} attitudes per second do not fall on whole GPS epochs",
             "use for example 0.1, 0.5, 1, 2, 4, 5 or 10",
         )
-    if not scenario.gnss.velocity:
-        for i, fault in enumerate(scenario.fault):
-            if fault.kind == "velocity_step" or fault.target == "velocity":
-                yield Problem(f"fault.{i}.kind", "the receiver gives no velocity", "set gnss.velocity = true")
+    for i, fault in enumerate(scenario.fault):
+        yield from _check_fault(f"fault.{i}", fault, scenario)
+    yield from _check_recording(scenario)
+
+
+def _check_recording(scenario: Scenario) -> Iterator[Problem]:
+    gnss = scenario.gnss
+    if (gnss.recorded is None) != (not gnss.recorded_orbits):
+        key = "gnss.recorded" if gnss.recorded is None else "gnss.recorded_orbits"
+        yield Problem(key, "observations are solved with precise orbits of their days", "give both, or neither")
+    if gnss.recorded is not None and scenario.orbit.source == "propagated":
+        yield Problem(
+            "gnss.recorded", "a recorded receiver flew one orbit only", 'set orbit.source = "file" and give it'
+        )
+    noise = (gnss.sigma_position_m, gnss.sigma_velocity_mps, gnss.coloured_sigma_m, gnss.periodic_sigma_m)
+    if gnss.recorded is not None and any(noise):
+        yield Problem("gnss.sigma_position_m", "a recorded receiver has its own noise", "set all noise of gnss to 0")
+
+
+def _check_fault(key: str, fault: Fault, scenario: Scenario) -> Iterator[Problem]:
+    if not scenario.gnss.velocity and (fault.kind == "velocity_step" or fault.target == "velocity"):
+        yield Problem(f"{key}.kind", "the receiver gives no velocity", "set gnss.velocity = true")
+    if fault.target not in RECEIVER_TARGETS:
+        if fault.kind not in ON_THE_BUS:
+            yield Problem(
+                f"{key}.target", f"{fault.kind} strikes the receiver", "one of " + ", ".join(RECEIVER_TARGETS)
+            )
+        elif not getattr(scenario, fault.target, None):
+            yield Problem(f"{key}.target", f"the scenario has no {fault.target}", "add it, or choose another target")
 
 
 def whole_epochs(rate_hz: float) -> bool:

@@ -67,8 +67,8 @@ class Orbit(Section, frozen=True):
     raan_deg: Annotated[float, _range(-360.0, 360.0, "right ascension of the node in degrees")] = 0.0
     argument_of_perigee_deg: Annotated[float, _range(-360.0, 360.0, "argument of perigee in degrees")] = 0.0
     argument_of_latitude_deg: Annotated[float, _range(-360.0, 360.0, "argument of latitude in degrees")] = 0.0
-    file: str | None = None
-    satellite: str | None = None
+    file: Annotated[str, Meta(description="file of a real orbit")] | None = None
+    satellite: Annotated[str, Meta(description="which satellite of the file, if it holds several")] | None = None
     velocity_unit: Annotated[
         str,
         Meta(pattern="^(auto|dm/s|m/s|km/s|derive)$", description="auto, dm/s, m/s, km/s, or derive from positions"),
@@ -86,15 +86,15 @@ class TruthModel(Section, frozen=True):
     area_to_mass_m2pkg: Annotated[float, _range(0.0, 1.0, "area over mass in m2/kg")] = 0.01
     drag_coefficient: Annotated[float, _range(0.0, 10.0, "drag coefficient")] = 2.2
     srp_coefficient: Annotated[float, _range(0.0, 5.0, "radiation-pressure coefficient")] = 1.3
-    sun: bool = True
-    moon: bool = True
-    tides: bool = True
+    sun: Annotated[bool, Meta(description="attraction of the Sun, true or false")] = True
+    moon: Annotated[bool, Meta(description="attraction of the Moon, true or false")] = True
+    tides: Annotated[bool, Meta(description="solid tides, true or false")] = True
     solar: Annotated[
         str,
         Meta(pattern=r"^(data|fixed:\d+(\.\d+)?)$", description='"data", or "fixed:120" for F10.7 = 120'),
     ] = "data"
-    space_weather_file: str | None = None
-    earth_orientation_file: str | None = None
+    space_weather_file: Annotated[str, Meta(description="SW-All.csv, not the packaged one")] | None = None
+    earth_orientation_file: Annotated[str, Meta(description="finals2000A.all, not the packaged one")] | None = None
 
     @property
     def fixed_f107(self) -> float | None:
@@ -118,6 +118,12 @@ class Gnss(Section, kw_only=True, frozen=True):
     ) = None
     velocity: Annotated[bool, Meta(description="whether fixes come with a velocity")] = True
     antenna_offset_m: AntennaOffset = (0.0, 0.0, 0.0)
+    # fixes solved from a real receiver's RINEX observations and SP3 orbits; the simulated receiver is then silent
+    recorded: Annotated[str, Meta(description="observations of a real receiver instead of a model")] | None = None
+    recorded_orbits: Annotated[tuple[str, ...], Meta(description="precise orbits of the days of `recorded`")] = ()
+    recorded_antennas: Annotated[
+        bool, Meta(description="whether the places of the satellites' antennas are corrected for, true or false")
+    ] = True
     latency_s: Annotated[float, _range(0.0, 10.0, "measurement to arrival on the bus in seconds")] = 0.2
     dropout_probability: Probability = 0.0
     satellites: Annotated[int, Meta(ge=0, le=64, description="satellites reported in a fix")] = 12
@@ -183,28 +189,28 @@ class Command(Section, kw_only=True, frozen=True):
 class Flight(Section, frozen=True):
     """Which navigation table flies, and overrides of its fields (checked when the table is built)."""
 
-    table_set: str
-    table: dict[str, Any] = field(default_factory=dict)
+    table_set: Annotated[str, Meta(description="set of navigation parameters, by name")]
+    table: Annotated[dict[str, Any], Meta(description="fields of the table to override")] = field(default_factory=dict)
 
 
 class Fault(Section, frozen=True):
     """Something that goes wrong between receiver and bus (kinds: fault_kinds.py)."""
 
-    kind: str
+    kind: Annotated[str, Meta(description="which fault")]
     start_s: StartAge
     duration_s: Annotated[float, _range(0.0, 1e7, "seconds")] = 1.0
-    value: float | None = None
+    value: Annotated[float, Meta(description="how much, in the unit of the kind")] | None = None
     axis: Annotated[str, Meta(pattern="^(x|y|z|all)$", description="x, y, z or all (ITRF)")] = "x"
-    target: str = "all"
+    target: Annotated[str, Meta(description="whose frames: " + ", ".join(TARGETS))] = "all"
     probability: Probability = 1.0
-    hold_time: bool = False
+    hold_time: Annotated[bool, Meta(description="whether a frozen fix keeps its time stamp too")] = False
 
 
 class Scenario(Section, kw_only=True, frozen=True):
     """One run, whole. Obtain it from `scenario.load`, never by hand."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_\-]*$", description="lower-case letters, digits, _, -")]
-    description: str = ""
+    description: Annotated[str, Meta(description="one line for `hil_sim list`")] = ""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="seed of every random stream")] = 1
     time: Time
     orbit: Orbit

@@ -16,7 +16,7 @@ from hil_sim import announcements, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
 from hil_sim.scenario import LoadedScenario, resolve_data_file
-from hil_sim.sensors import gnss_receiver
+from hil_sim.sensors import gnss_receiver, recorded
 from hil_sim.sensors.attitude import Pointing
 from hil_sim.sensors.oscillator import Oscillator
 from hil_sim.sensors.streams import open_streams
@@ -112,7 +112,8 @@ class World:
         oscillator = Oscillator(scenario.oscillator, start, duration_ns, streams.oscillator)
         orientation = EarthOrientation(start, start + duration_ns, earth_orientation_file(loaded))
         jitter_ns = scenario.oscillator.pulse_jitter_ns
-        fixes = gnss_receiver.measure_fixes(
+        receiver = gnss_receiver.measure_fixes if scenario.gnss.recorded is None else recorded.receiver_of(loaded)
+        fixes = receiver(
             truth,
             orientation,
             oscillator,

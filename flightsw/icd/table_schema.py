@@ -373,6 +373,8 @@ FORCES = Schema(
             _real("f107", "sfu", 50.0, 500.0, 120.0, "observed 10.7 cm flux of the day before"),
             _real("f107_mean", "sfu", 50.0, 400.0, 120.0, "its mean over three solar rotations (81 days)"),
             _real("ap", "2 nT", 0.0, 400.0, 8.0, "planetary geomagnetic index, daily"),
+            _whole("valid_from_gps_ns", "GPS ns", 0, 2**62, 0, "begin of the days that this weather stands for"),
+            _whole("valid_until_gps_ns", "GPS ns", 0, 2**62, 2**62, "their end: afterwards alert FORCES_EXPIRED holds"),
         ),
         *_group(
             "integration",

@@ -1,14 +1,13 @@
-"""`ground accuracy`: the flight force model against real orbits, and its integrators against each other."""
+"""`ground accuracy`: the filter and the force model against real orbits, the integrators against each other."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ground.accuracy.bench_command import add_bench, run_bench
 from ground.errors import OperatorError
 
 if TYPE_CHECKING:
@@ -44,30 +43,23 @@ def add_arguments(subparsers: Any) -> None:
         action.add_argument(
             "--set", dest="settings", metavar="KEY=VALUE", action="append", default=[], help="field of the force table"
         )
-    filter_ = actions.add_parser("filter", help="the whole filter: steady error with fixes, error and bound without")
-    filter_.add_argument("--set-name", default="flight", metavar="SET", help="table set that flies (default flight)")
-    filter_.add_argument(
-        "--orbit", action="append", metavar="NAME", help="sentinel3a, gracefo, jason2; may be repeated (default: all)"
-    )
-    filter_.add_argument("--profile", default="white", metavar="NAME", help="fixes: white or coloured (default white)")
-    filter_.add_argument("--gravity", metavar="FILE", type=Path, help="ICGEM file (default: EGM2008, else packaged)")
-    filter_.add_argument("--json", metavar="FILE", type=Path, help="write the figures there")
     forces.add_argument("--starts", metavar="N", type=int, help="at most so many starts (default: all, 1000 s apart)")
     forces.add_argument("--peer-starts", metavar="N", type=int, default=20, help="starts flown by satkit (0: none)")
+    add_bench(actions)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns 0."""
-    if args.action == "filter":
-        return _run_filter(args)
+    data = _data_folder()
+    if args.action == "bench":
+        return run_bench(args, data, args.gravity or _gravity_of(data))
     from ground.accuracy.orbits import read_orbit
     from ground.tables.build import parse_setting
 
-    data = _data_folder()
     files = args.orbit or [data / name for name in ORBITS if (data / name).is_file()]
     if not files:
         raise OperatorError(f"no real orbits at {data}: set LEONAV_DATA to their folder or name files with --orbit")
-    gravity = args.gravity or (data / GRAVITY if (data / GRAVITY).is_file() else None)
+    gravity = args.gravity or _gravity_of(data)
     asked = {"degree": args.degree, **dict(parse_setting(text) for text in args.settings)}
     for path in files:
         settings = {"area_to_mass_m2pkg": _area_to_mass(path), **asked}
@@ -82,40 +74,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run_filter(args: argparse.Namespace) -> int:
-    from flightsw.kernels.registry import warm_up
-    from ground.accuracy import bench
-    from ground.errors import did_you_mean
-
-    for name in args.orbit or ():
-        if name not in bench.ORBITS:
-            raise OperatorError(f"--orbit {name}: none of {', '.join(bench.ORBITS)}{did_you_mean(name, bench.ORBITS)}")
-    if args.profile not in bench.PROFILES:
-        raise OperatorError(f"--profile {args.profile}: none of {', '.join(bench.PROFILES)}")
-    data = _data_folder()
-    gravity = args.gravity or (data / GRAVITY if (data / GRAVITY).is_file() else None)
-    warm_up()
-    results = []
-    for name in args.orbit or bench.ORBITS:
-        result = bench.measure(bench.ORBITS[name], args.profile, args.set_name, gravity=gravity, advance=_tell_start)
-        print("\r" + " " * 40 + "\r", end="", file=sys.stderr)
-        print(bench.table([result]), flush=True)
-        results.append(result.summary())
-    if args.json:
-        try:
-            args.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OperatorError(f"--json {args.json}: cannot be written ({error.strerror})") from error
-    return 0
-
-
-def _tell_start(done: int, total: int) -> None:
-    print(f"\r  outage {done} of {total}", end="", file=sys.stderr, flush=True)
-
-
 def _data_folder() -> Path:
     named = os.environ.get("LEONAV_DATA")
     return Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def _gravity_of(data: Path) -> Path | None:
+    """EGM2008 of the data folder; None, the packaged field, where it is not there."""
+    return data / GRAVITY if (data / GRAVITY).is_file() else None
 
 
 def _area_to_mass(path: Path) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -69,10 +70,18 @@ class Prepared:
         return np.abs(outputs["r_gcrf_m"] - self.world.r_true_gcrf_m).max(axis=1)
 
 
+def load(name: str, settings: Iterable[str] = ()) -> scenario.LoadedScenario:
+    """A scenario with settings, checked but not made ready. Raises OperatorError where they contradict it."""
+    try:
+        return scenario.load(name, tuple(settings))
+    except SimulationError as error:
+        raise OperatorError(str(error)) from error
+
+
 def prepare(name: str, settings: Iterable[str] = (), tick_period_ns: int = TICK_NS) -> Prepared:
     """A scenario made ready to fly. Raises OperatorError where scenario or settings do not allow it."""
+    loaded = load(name, settings)
     try:
-        loaded = scenario.load(name, tuple(settings))
         world = World.build(loaded, tick_period_ns)
         finals = earth_orientation_file(loaded)
     except SimulationError as error:
@@ -100,6 +109,7 @@ def pool(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
 
 
 def _make_ready() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who waits for the workers, and ends them
     warm_up()  # by a function of this module: a worker imports, and so declares, all kernels on the way here
 
 

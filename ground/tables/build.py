@@ -11,12 +11,12 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableRefused, encode
 from flightsw.icd.table_schema import MAX_TUNING_ROWS, NAVIGATION, Field
 from ground.errors import OperatorError, did_you_mean
@@ -213,20 +213,11 @@ def choices(field: Field) -> dict[int, str]:
 
 # A field left out follows another one: the schema's default belongs to the default of that one.
 _FOLLOWS = {"clear_limit_m": ("limit_m", 0.5)}
-# Pairs of which the first may not exceed the second.
-_ORDERED = (
-    ("clear_limit_m", "limit_m"),
-    ("clear_nis_low", "clear_nis_high"),
-    ("radius_min_m", "radius_max_m"),
-)
 
 
 def _assemble(where: str, given: Given, rows: list[Given]) -> np.ndarray:
     if not rows:
         raise OperatorError(f"{where}: tuning: no row; add an [[tuning]] table")
-    sigmas = [row["sigma_fix_m"][1] for row in rows]
-    if any(b <= a for a, b in pairwise(sigmas)):
-        raise OperatorError(f"{where}: tuning: sigma_fix_m must rise from row to row, is {sigmas}")
     values = np.zeros(1, NAVIGATION.dtype)
     record = values[0]
     for field in NAVIGATION.fields:
@@ -248,10 +239,7 @@ def _assemble(where: str, given: Given, rows: list[Given]) -> np.ndarray:
     for name, (leader, factor) in _FOLLOWS.items():
         if name not in given:
             record[name] = factor * record[leader]
-    for low, high in _ORDERED:
-        if record[low] > record[high]:
-            raise OperatorError(
-                f"{where}: {low} = {record[low]:g} exceeds {high} = {record[high]:g} "
-                f"{_FIELDS[low].unit}; lower {low} or raise {high}"
-            )
+    found = problems(NAVIGATION.name, values)
+    if found:
+        raise OperatorError(f"{where}: {'; also '.join(found)}")
     return values

@@ -34,8 +34,10 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
     forces = actions.add_parser("build-forces", help="make a force table: defaults, space weather of a day, settings")
     forces.add_argument("--out", metavar="TABLE", required=True, help="binary table to write")
     forces.add_argument("--name", metavar="NAME", default="forces", help="name that the table carries")
-    forces.add_argument("--day", metavar="YYYY-MM-DD", help="space weather of this day; the table is valid from it")
-    forces.add_argument("--valid-days", metavar="DAYS", type=float, default=7.0, help="how long, with --day (7)")
+    forces.add_argument("--day", metavar="YYYY-MM-DD", help="space weather of this day; the table is valid around it")
+    forces.add_argument(
+        "--valid-days", metavar="DAYS", type=float, help="how long before and after, with --day (default 45)"
+    )
     forces.add_argument("--space-weather", metavar="FILE", help="CelesTrak SW-All.csv; default: that of satkit-data")
     forces.add_argument(
         "--set",
@@ -82,11 +84,12 @@ def _build(name: str, out: Path, settings: list[str]) -> int:
 
 def _build_forces(args: argparse.Namespace) -> int:
     from ground.tables.build import parse_setting
-    from ground.tables.forces import build_forces, parse_day
+    from ground.tables.forces import VALID_DAYS, build_forces, parse_day
 
     settings = dict(parse_setting(text) for text in args.settings)
     day = parse_day(args.day) if args.day else None
-    return _write(Path(args.out), build_forces(settings, args.name, day, args.valid_days, args.space_weather))
+    valid_days = VALID_DAYS if args.valid_days is None else args.valid_days
+    return _write(Path(args.out), build_forces(settings, args.name, day, valid_days, args.space_weather))
 
 
 def _write(out: Path, image: bytes) -> int:

@@ -67,6 +67,8 @@ def _scalar(field: Field, value: float) -> str:
     word = choices(field).get(int(value)) if choices(field) else None
     if word:
         return word
+    if field.unit == "GPS ns":
+        return "without end" if value == field.maximum else format_gps(int(value)).removesuffix(" GPS")
     return str(int(value)) if field.kind == "i8" else repr(float(value))
 
 

@@ -72,11 +72,11 @@ def propagate(
         pieces: list[HermiteTrack] = []
         for arc in _arcs(t_start_gps_ns, t_last_ns, burns):
             pushed = satellite if arc.burn is None else _with_thrust(satkit, model, arc)
-            behind = range(-MARGIN_NODES, 0) if not pieces else range(-OVERLAP_NODES, 0)
-            before, _ = _nodes(satkit, settings, pushed, state, arc, behind)
-            after, state = _nodes(satkit, settings, pushed, state, arc, range(arc.last_node + 1))
-            samples = np.concatenate((before, after))
-            t0_ns = arc.t_start_ns - len(before) * arc.step_ns
+            behind = range(-(OVERLAP_NODES if pieces else MARGIN_NODES), 0)
+            earlier, _ = _nodes(satkit, settings, pushed, state, arc, behind)
+            later, state = _nodes(satkit, settings, pushed, state, arc, range(arc.last_node + 1))
+            samples = np.concatenate((earlier, later))
+            t0_ns = arc.t_start_ns - len(earlier) * arc.step_ns
             edges_ns.append(arc.t_start_ns)
             pieces.append(HermiteTrack(t0_ns, arc.step_ns, samples[:, :3].copy(), samples[:, 3:].copy()))
     track = PiecewiseTrack(edges_ns[1:], pieces) if burns else pieces[0]

@@ -14,16 +14,16 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import pytest
-from harness import Flight, Telemetry, frame, load, reseal
+from harness import Flight, Telemetry, load, reseal
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from impossible_frames import ATTITUDE, BURN, COMMAND, IMPOSSIBLE, UNSENT, put_field
 
 from flightsw.icd.can_codec import OK, decode_into
 from flightsw.icd.can_frames import LAYOUTS
 from flightsw.icd.enums import REJECT_CAUSES, RejectCause
 
 SYNC, POSITION, VELOCITY = 0x100, 0x110, 0x111
-BURN, ATTITUDE, COMMAND = 0x120, 0x130, 0x140
 SENSOR_IDS = (SYNC, POSITION, VELOCITY, BURN, ATTITUDE, COMMAND)
 SETTLED_S = 60.0
 EXAMPLES = 112
@@ -32,15 +32,6 @@ PER_TICK = 28
 CAN_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 Frames = list[tuple[int, bytes]]
-# Good frames of the kinds that this world does not send: what becomes of them must not matter either.
-UNSENT: Frames = [
-    (
-        BURN,
-        frame(BURN, 7, t_start_gps_ns=1_230_000_000 * 10**9, duration_ns=20 * 10**9, dv_y_mps=1.0, sigma_y_mps=0.02),
-    ),
-    (ATTITUDE, frame(ATTITUDE, 8, t_gps_ns=1_230_000_000 * 10**9, q_w=1.0, sigma_rad=1e-3)),
-    (COMMAND, frame(COMMAND, 9, command=2)),
-]
 told = Counter[str]()
 
 
@@ -165,13 +156,6 @@ def test_damaged_frames_change_no_state(
 
 
 # -- wrong content under a right CRC: a faulty sensor, not a faulty bus ----------------------------------------
-
-
-def put_field(frame_id: int, payload: bytes, name: str, value: float) -> bytes:
-    layout = LAYOUTS[frame_id]
-    code, offset = layout.dtype[name].str, layout.dtype.fields[name][1]  # type: ignore[index]
-    packed = struct.pack({"<i8": "<q", "<f8": "<d", "<f4": "<f", "|i1": "b", "|u1": "B"}[code], value)
-    return payload[:offset] + packed + payload[offset + len(packed) :]
 
 
 def wrong_time(rng: random.Random) -> int:
@@ -307,6 +291,29 @@ def test_wrong_content_under_a_right_crc_changes_no_state(
         assert sum(causes.values()) >= wrong - 2
     shown(struck)
     told[f"content: {content.__name__ if content else 'pulses'}"] += sent
+
+
+@settings(max_examples=EXAMPLES // 4)
+@given(seed=st.integers(0, 2**32))
+def test_wrong_burns_attitudes_and_commands_change_no_state(twins: Twins, seed: int) -> None:
+    """GIVEN settled flight WHEN impossible burns, attitudes and commands come among the good fixes, intact by CRC and
+    counter THEN state as in the twin after each tick; each counted under its own cause, and told."""
+    rng = random.Random(seed)
+    struck, spared = twins.struck, twins.spared
+    for flight in (struck, spared):
+        settle(flight, twins)
+    streams = Stream(struck), Stream(spared)
+    before = Counter(struck.counts)
+    expected = Counter[str]()
+    while expected.total() < FRAMES // 5:
+        put_all(streams, struck.world.frames_due(struck.k))
+        for _ in range(12):
+            frame_id = rng.choice(list(IMPOSSIBLE))
+            make, cause = IMPOSSIBLE[frame_id]
+            streams[0].put(frame_id, make(rng))
+            expected[cause] += 1
+        step_both(struck, spared)
+    check_counts(struck, before, expected)
 
 
 def put_some(struck: Flight, mutated: list[tuple[int, bytes, str]], rng: random.Random, expected: Counter[str]) -> None:

@@ -47,6 +47,12 @@ def tick_by_tick(world: World) -> tuple[np.ndarray, np.ndarray]:
         ("gnss.rate_hz=10", "gnss.latency_s=0.35"),
         ("outage=[{start_s=20.0, duration_s=15.0}]",),
         (
+            "gnss.velocity=false",
+            "attitude={sigma_rad=0.001, rate_hz=20.0}",
+            "burn=[{start_s=30.0, duration_s=5.0, dv_mps=[0.0, 1.0, 0.0], announce_lead_s=20.0}]",
+            'command=[{at_s=40.0, command="edit", target="velocity", value="inhibit"}]',
+        ),
+        (
             faults(
                 fault("frame_drop", 5, 20, probability=0.3),
                 fault("bit_flip", 10, 20, probability=0.5),
@@ -54,7 +60,7 @@ def tick_by_tick(world: World) -> tuple[np.ndarray, np.ndarray]:
             ),
         ),
     ],
-    ids=["plain", "several epochs in a tick", "outage", "faults"],
+    ids=["plain", "several epochs in a tick", "outage", "every other kind of frame", "faults"],
 )
 def test_bulk_inputs_are_those_of_the_plain_loop(settings: tuple[str, ...]) -> None:
     """GIVEN a minute of frames WHEN its inputs are made in bulk THEN they are those of the plain loop, bit for bit."""
@@ -63,6 +69,33 @@ def test_bulk_inputs_are_those_of_the_plain_loop(settings: tuple[str, ...]) -> N
     expected_inputs, expected_ticks = tick_by_tick(world)
     assert inputs.tobytes() == expected_inputs.tobytes()
     assert ticks.tobytes() == expected_ticks.tobytes()
+
+
+def test_the_step_is_told_of_burns_attitudes_commands_and_positions_alone() -> None:
+    """GIVEN a world that sends them WHEN its inputs are made THEN each is there once, with the world's own numbers."""
+    world = World.build(
+        load(
+            "gnss.velocity=false",
+            "attitude={sigma_rad=0.001, rate_hz=2.0}",
+            "burn=[{start_s=30.0, duration_s=5.0, dv_mps=[0.0, 1.0, 0.0], announce_lead_s=20.0}]",
+            'command=[{at_s=40.0, command="edit", target="velocity", value="inhibit"}]',
+        )
+    )
+    inputs, ticks = flown.step_inputs(world)
+    (burn,) = inputs[inputs["burn_present"] == 1]
+    assert (burn["burn_start_gps_ns"] - world.t_start_gps_ns, burn["burn_duration_ns"]) == (30 * 10**9, 5 * 10**9)
+    assert burn["burn_dv_mps"].tolist() == [0.0, 1.0, 0.0]
+    (command,) = inputs[inputs["command_present"] == 1]
+    assert (command["command_id"], command["command_target"], command["command_value"]) == (1, 1, 3)
+    assert ticks[inputs["command_present"] == 1].tolist() == [401]  # the counter runs fast by 1 ppm
+    fixes = inputs[inputs["fix_present"] == 1]
+    assert len(fixes) == 60
+    assert not fixes["fix_has_velocity"].any()
+    assert np.isnan(fixes["fix_v_itrf_mps"]).all()
+    attitudes = inputs[inputs["attitude_present"] == 1]
+    assert len(attitudes) == 120
+    np.testing.assert_allclose(np.linalg.norm(attitudes["attitude_q"], axis=1), 1.0, atol=1e-6)
+    assert (np.diff(attitudes["attitude_gps_ns"]) == 5 * 10**8).all()
 
 
 def test_a_world_without_frames_still_ticks() -> None:

@@ -26,6 +26,9 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "outage=[{start_s=40.0, duration_s=20.0}]",
         "flight.table.limit_m=8",
         "flight.table.clear_limit_m=7.9",
+        "attitude.sigma_rad=0.001",
+        "burn=[{start_s=80.0, duration_s=5.0, dv_mps=[0.0, 0.1, 0.0], sigma_mps=[0.0, 0.002, 0.0]}]",
+        'command=[{at_s=30.0, command="edit", target="velocity", value="auto"}]',
         faults(fault("position_step", 70, 3, value=900.0), fault("nan", 75, 2)),
     )
     with Flight(load(*settings), folder) as flight:
@@ -41,7 +44,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_cantools_decodes_every_frame_of_flight_and_world(run_dir: Path, exported: Path) -> None:
-    """GIVEN can.log of a run WHEN the cantools command reads it with the exported DBC THEN every line of all six
+    """GIVEN can.log of a run WHEN the cantools command reads it with the exported DBC THEN every line of all nine
     kinds of frame is decoded, and the numbers are flight's.
     """
     text = (run_dir / "can.log").read_text()

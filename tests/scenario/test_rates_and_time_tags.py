@@ -89,6 +89,7 @@ def test_filter_and_bound_do_not_depend_on_the_rate_of_the_loop() -> None:
             "time.duration_s=50",
             "outage=[{start_s=25.0, duration_s=10.0}]",
             f"flight.table.tick_period_ns={TICK_NS[tick_hz]}",
+            "flight.table.latency_max_s=2.0",
             "gnss.latency_s=0.15",
         )
         with Flight(loaded) as flight:

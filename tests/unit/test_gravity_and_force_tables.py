@@ -14,6 +14,7 @@ from ground.__main__ import main
 from ground.errors import OperatorError
 from ground.tables.forces import build_forces, packaged_space_weather, read_space_weather
 from ground.tables.gravity_field import build_gravity_field, packaged_model, read_gfc
+from ground.tables.show import render
 
 HEAD = """product_type gravity_field
 modelname    SMALL
@@ -138,7 +139,27 @@ def test_space_weather_of_a_day_as_it_would_be_known_on_board() -> None:
     assert weather.ap == float(rows[day.isoformat()][ap])
     table = decode(build_forces(day=day, valid_days=2.0))
     assert table.values[0]["f107"] == weather.f107
-    assert table.valid_to_gps_ns - table.valid_from_gps_ns == 2 * 86_400 * 10**9
+
+
+def test_a_force_table_stands_for_the_days_around_that_of_its_space_weather() -> None:
+    """2021-07-17 is day 15168 of GPS time; the table and the header of its file say the same."""
+    table = decode(build_forces(day=date(2021, 7, 17), valid_days=2.0))
+    record, day_ns = table.values[0], 86_400 * 10**9
+    noon_ns = 15168 * day_ns + day_ns // 2
+    assert (record["valid_from_gps_ns"], record["valid_until_gps_ns"]) == (noon_ns - 2 * day_ns, noon_ns + 2 * day_ns)
+    assert (table.valid_from_gps_ns, table.valid_to_gps_ns) == (noon_ns - 2 * day_ns, noon_ns + 2 * day_ns)
+    record = decode(build_forces(day=date(2021, 7, 17))).values[0]
+    assert record["valid_until_gps_ns"] - record["valid_from_gps_ns"] == 90 * day_ns
+    shown = render(decode(build_forces(day=date(2021, 7, 17), valid_days=2.0)))
+    assert "2021-07-15 12:00:00" in next(line for line in shown.splitlines() if line.startswith("valid_from_gps_ns"))
+    assert "2021-07-19 12:00:00" in next(line for line in shown.splitlines() if line.startswith("valid_until_gps_ns"))
+    assert "without end" in render(decode(build_forces()))
+
+
+@pytest.mark.parametrize("days", [0.0, -1.0, float("nan"), 1e9])
+def test_a_validity_that_is_none_is_refused(days: float) -> None:
+    with pytest.raises(OperatorError, match="--valid-days"):
+        build_forces(day=date(2021, 7, 17), valid_days=days)
 
 
 @pytest.mark.parametrize(
@@ -147,11 +168,12 @@ def test_space_weather_of_a_day_as_it_would_be_known_on_board() -> None:
         ({"degre": 50}, 'did you mean "degree"'),
         ({"degree": 121}, "outside"),
         ({"degree": 50.5}, "whole number"),
-        ({"degree": 20, "order": 30}, "order = 30 exceeds degree = 20"),
+        ({"degree": 20, "order": 30}, "order = 30 exceeds degree = 20; lower order"),
         ({"integrator": "RK5"}, "none of RK4, RK8, RKN5"),
         ({"f107": float("nan")}, "outside"),
         ({"drag_coefficient": "big"}, "numbers"),
         ({"sun": True}, "whole number"),
+        ({"valid_from_gps_ns": 5, "valid_until_gps_ns": 5}, "is that of valid_until_gps_ns"),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name(overrides: dict[str, object], said: str) -> None:
@@ -183,7 +205,7 @@ def test_commands_build_and_show(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "-4.841651437908150e-04" in shown
     assert main(["table", "show", str(forces)]) == 0
     shown = capsys.readouterr().out
-    assert "2021-07-17 00:00:00 GPS to 2021-07-24 00:00:00 GPS" in shown
+    assert "2021-06-02 12:00:00 GPS to 2021-08-31 12:00:00 GPS" in shown
     assert "RK4" in shown
     assert "[atmosphere]" in shown
     assert main(["table", "build-forces", "--day", "17.7.2021", "--out", str(forces)]) == 2

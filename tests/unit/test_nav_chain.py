@@ -99,6 +99,15 @@ def test_too_late_is_stale_and_out_of_order_is_repeated():
     assert causes[106] == RejectCause.TIME_REPEATED
 
 
+def of_short_steps():
+    """Steps of 0.1 s, and fixes taken later than the history reaches back, which no table that is built allows."""
+    memory = loaded_memory("two_body", nav_step_ns=NS // 10, stored_da_use=0)
+    memory.table.flags.writeable = True
+    memory.table["latency_max_s"] = 2.0
+    memory.table.flags.writeable = False
+    return memory
+
+
 @pytest.mark.parametrize("late_steps", [1, 5, HISTORY])
 def test_the_history_ring_wraps_around(late_steps):
     """GIVEN a grid of 0.1 s and 5 s without a fix, the ring overwritten four times WHEN a fix comes late
@@ -106,7 +115,7 @@ def test_the_history_ring_wraps_around(late_steps):
     states = []
     late_ns = (late_steps * NS) // 10 - NS // 100
     for delay_ns in (0, late_ns):
-        memory = loaded_memory("two_body", nav_step_ns=NS // 10, latency_max_s=2.0, stored_da_use=0)
+        memory = of_short_steps()
         fix_times = np.concatenate((seconds(5, 15), [T0_GPS_NS + 20 * NS]))
         arrivals = fix_times.copy()
         arrivals[-1] += delay_ns
@@ -124,7 +133,7 @@ def test_the_history_ring_wraps_around(late_steps):
 
 
 def test_a_fix_from_before_the_history_is_stale_and_moves_nothing():
-    memory = loaded_memory("two_body", nav_step_ns=NS // 10, latency_max_s=2.0, stored_da_use=0)
+    memory = of_short_steps()
     finish(run(memory, steady_calls(20, truth, fix_stop_s=15)))
     before = state_of(memory)
     inputs = calls(seconds(19, 20))

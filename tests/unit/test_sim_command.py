@@ -1,20 +1,44 @@
 """`python -m hil_sim`: what it prints and how it exits."""
 
+import re
 import subprocess
 import sys
 
 import pytest
 
+from hil_sim import scenario
 from hil_sim.__main__ import main
+from hil_sim.fault_kinds import KINDS
 
 
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     assert names == [
-        *("burn_in_outage", "gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"),
-        "unannounced_burn",
+        *("burn_in_outage", "graceb_real", "gracefo_outage", "j2_outage", "nominal", "paper_outage"),
+        *("sentinel3a_outage", "unannounced_burn"),
     ]
+
+
+def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    """GIVEN `keys` THEN each key that `show` can show is there, with its default and a meaning."""
+    assert main(["keys"]) == 0
+    keys, _, kinds = capsys.readouterr().out.partition("\n\n")
+    explained = {line.split()[0]: line for line in keys.splitlines()}
+    every = scenario.load(
+        "burn_in_outage",
+        [
+            *("attitude.sigma_rad=0.1", "fault.0.kind=nan", "fault.0.start_s=1"),
+            *("command.0.at_s=1", "command.0.command=reset_filter"),
+        ],
+    )
+    assert set(explained) == {re.sub(r"\.\d+\.", ".N.", key) for key in every.origin}
+    for key, line in explained.items():
+        meaning = re.split(r"\s{2,}", line, maxsplit=2)[2]
+        assert re.search("[a-z]{3}", meaning), key
+    assert explained["burn.N.dv_mps"].split()[1] == "required"
+    assert explained["gnss.antenna_offset_m"].split("  ")[-1].strip().startswith("body axes")
+    assert [kind for kind in KINDS if f"  {kind} " not in kinds] == []
 
 
 def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,8 +8,8 @@ from hil_sim import scenario
 from hil_sim.errors import DataError, ScenarioError
 
 SHIPPED = (
-    *("burn_in_outage", "gracefo_outage", "j2_outage", "nominal", "paper_outage", "sentinel3a_outage"),
-    "unannounced_burn",
+    *("burn_in_outage", "graceb_real", "gracefo_outage", "j2_outage", "nominal", "paper_outage"),
+    *("sentinel3a_outage", "unannounced_burn"),
 )
 
 
@@ -67,6 +67,36 @@ def test_paper_outage_is_the_papers() -> None:
         ('fault=[{kind="bit_flip", start_s=1, probability=2}]', "fault.0.probability", "0 to 1"),
         ('fault=[{kind="bit_flip", start_s=1, hold_time=true}]', "fault.0.hold_time", "frozen_fix"),
         ('fault=[{kind="bit_flip", start_s=1e6}]', "fault.0.start_s", "start it earlier"),
+        ("burn=[{start_s=0.0, duration_s=9.0, dv_mps=[0, 1, 0]}]", "burn.0.start_s", "1 at least"),
+        ("burn=[{start_s=99.0, dv_mps=[0, 1, 0]}]", "burn.0.duration_s", "how long the thrust lasts"),
+        ("burn=[{start_s=99.0, duration_s=9.0, dv_mps=[0, 1]}]", "burn.0.dv_mps", "velocity change in the axes"),
+        ("burn=[{start_s=99.0, duration_s=9.0, dv_mps=[0, 1e3, 0]}]", "burn.0.dv_mps.1", "velocity change in the axes"),
+        ("burn=[{start_s=99.0, duration_s=9.0, dv_mps=1}]", "burn.0.dv_mps", "velocity change in the axes"),
+        ('burn=[{start_s=99.0, duration_s=9.0, dv_mps=[0, 1, 0], frame="ntw"}]', "burn.0.frame", "gcrf or rtn"),
+        ("burn=[{start_s=8779.0, duration_s=9.0, dv_mps=[0, 1, 0]}]", "burn.0.start_s", "lengthen time.duration_s"),
+        ("burn=[{start_s=30.0, duration_s=9.0, dv_mps=[0, 1, 0]}]", "burn.0.announce_lead_s", "announced = false"),
+        (
+            "burn=[{start_s=99.0, duration_s=9.0, dv_mps=[0, 1, 0]}, {start_s=100, duration_s=9.0, dv_mps=[0, 1, 0]}]",
+            "burn.1.start_s",
+            "in order of time",
+        ),
+        ('command=[{at_s=1e4, command="reset_filter"}]', "command.0.at_s", "give it earlier"),
+        ('command=[{at_s=1.0, command="restart"}]', "command.0.command", "edit or reset_filter"),
+        (
+            'command=[{at_s=1.0, command="edit", target="position"}]',
+            "command.0.value",
+            "auto, accept, reject or inhibit",
+        ),
+        ('command=[{at_s=1.0, command="reset_filter", value="auto"}]', "command.0.value", "remove it"),
+        ("attitude.rate_hz=1", "attitude.sigma_rad", "white error about each body axis"),
+        ("attitude={rate_hz=0.3, sigma_rad=0.1}", "attitude.rate_hz", "use for example"),
+        ("attitude={sigma_deg=0.1}", "attitude.sigma_deg", "did you mean 'sigma_rad'?"),
+        ("attitude=3", "attitude", "a table"),
+        ("gnss.antenna_offset_m=[1, 2, 1000]", "gnss.antenna_offset_m.2", "body axes"),
+        ("gnss.velocity=1", "gnss.velocity", "true or false"),
+        ("gnss.claimed_sigma_m=0", "gnss.claimed_sigma_m", "sigma the receiver claims"),
+        ('fault=[{kind="nan", start_s=1, target="burn"}]', "fault.0.target", "one of all, position, velocity, sync"),
+        ('fault=[{kind="bit_flip", start_s=1, target="burn"}]', "fault.0.target", "add it"),
     ],
 )
 def test_refused_with_place_key_and_remedy(override: str, key: str, remedy: str) -> None:
@@ -77,6 +107,36 @@ def test_refused_with_place_key_and_remedy(override: str, key: str, remedy: str)
     assert f": {key}: " in text
     assert remedy in text
     assert "\n" not in text
+
+
+def test_a_replayed_orbit_takes_no_burn_and_a_receiver_without_velocity_no_fault_of_it() -> None:
+    burn = "burn=[{start_s=99.0, duration_s=9.0, dv_mps=[0, 1, 0]}]"
+    with pytest.raises(ScenarioError, match=r"burn\.0\.start_s: a replayed orbit .*set orbit\.source = .propagated"):
+        scenario.load("gracefo_outage", [burn])
+    for fault in ('{kind="velocity_step", start_s=1, value=1}', '{kind="bit_flip", start_s=1, target="velocity"}'):
+        with pytest.raises(ScenarioError, match=r"fault\.0\.kind: the receiver gives no velocity; set gnss\.velocity"):
+            scenario.load("nominal", ["gnss.velocity=false", f"fault=[{fault}]"])
+
+
+def test_components_of_a_vector_may_be_overridden() -> None:
+    s = scenario.load("burn_in_outage", ["burn.0.dv_mps.1=0.5", "burn.0.sigma_mps=[0, 0, 0.1]"]).scenario
+    assert s.burn[0].dv_mps == (0.0, 0.5, 0.0)
+    assert s.burn[0].sigma_mps == (0.0, 0.0, 0.1)
+
+
+def test_burn_in_outage_is_the_one_of_the_study() -> None:
+    """500 km circular, 97.5 degrees; 1 m/s along track over 20 s, 600 s into an outage of 2000 s after an orbit of
+    fixes of 10 m and 0.1 m/s; 2 % on each axis."""
+    s = scenario.load("burn_in_outage").scenario
+    assert (s.orbit.semi_major_axis_m, s.orbit.eccentricity, s.orbit.inclination_deg) == (6_878_137.0, 0.0, 97.5)
+    assert (s.gnss.sigma_position_m, s.gnss.sigma_velocity_mps) == (10.0, 0.1)
+    (outage,), (burn,) = s.outage, s.burn
+    assert outage.duration_s == 2000.0
+    assert burn.start_s - outage.start_s == 600.0
+    assert (burn.dv_mps, burn.duration_s, burn.frame, burn.announced) == ((0.0, 1.0, 0.0), 20.0, "rtn", True)
+    assert burn.sigma_mps == (0.02, 0.02, 0.02)
+    silent = scenario.load("unannounced_burn").scenario.burn[0]
+    assert (silent.dv_mps, silent.announced) == ((0.0, 0.05, 0.0), False)
 
 
 def test_a_mistake_in_a_file_names_the_file(tmp_path: Path) -> None:
