@@ -123,7 +123,8 @@ NAV = np.dtype(
         ("monitor_t_gps_ns", "i8", (MONITOR_SLOTS,)),  # 0: free
         ("monitor_information", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 6)),
         ("monitor_evidence", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 3)),
-        ("monitor_absorbed", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES)),  # of a unit fault, in the position [m]
+        ("monitor_absorbed", "f8", (MONITOR_SLOTS, MONITOR_HYPOTHESES, 2)),  # of a unit fault, in r [m], v [m/s]
+        ("monitor_last_gps_ns", "i8"),
         ("monitor_energy", "f8", (MONITOR_SLOTS,)),  # sum of the NIS since the onset
         ("monitor_dof", "f8", (MONITOR_SLOTS,)),
         ("monitor_fixes", "i8"),  # accepted since the start
@@ -292,6 +293,7 @@ WORK = np.dtype(
         ("weight", "f8", (3, 3)),
         ("weight_type", "f8", (TYPES, 3, 3)),
         ("innovation_type", "f8", (TYPES, 3)),
+        ("mean_gain", "f8", (TYPES, 2)),  # of r and v by a measurement of each type, mean of the axes
         ("P_rv", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("body", "f8", (3, 3)),
         ("lever_m", "f8", (3,)),

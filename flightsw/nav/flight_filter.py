@@ -19,11 +19,12 @@ _OPERATOR = int(RejectCause.OPERATOR)
 _SLOW_FAULT = 1 << int(AlertId.SLOW_FAULT)
 _MANOEUVRE = 1 << int(AlertId.MANOEUVRE_DETECTED)
 
-# sigma to which a manoeuvre opens the velocity, by what has been found of it: found early, it may be a part of what
-# goes on
+# sigma of a fault's size by what has been found of it, beside that of the estimate; a manoeuvre found early may be a
+# part of what goes on
 _OPENING_EARLY = 3.0
-_OPENING = 1.0
+_OPENING = 0.4
 _EARLY_S = 30.0
+_COURSE = 0.3
 
 USED = measurement.USED
 ABSENT = measurement.ABSENT
@@ -133,7 +134,7 @@ def correct(nav, table, row, inp, work, out):
     alone = measurement.is_inhibited(nav, table, _POSITION)
     cause = measurement.ABSENT
     used_position = False
-    gain = 0.0
+    work.mean_gain[:, :] = 0.0
     if not alone:
         cause = _test(nav, table, row, inp, _POSITION, gate, work, out)
         if nav.excluded[_POSITION]:
@@ -147,7 +148,7 @@ def correct(nav, table, row, inp, work, out):
             nav.start_count = 0
         if cause == USED:
             used_position = True
-            gain = measurement.correct(table, work.x, work.UD, work)
+            measurement.correct(table, _POSITION, work.x, work.UD, work)
             nav.start_count = 0
         alone = cause == _OPERATOR
     else:
@@ -162,10 +163,10 @@ def correct(nav, table, row, inp, work, out):
             velocity = cause
             out.type_cause[_VELOCITY] = cause
         if velocity == USED:
-            measurement.correct(table, work.x, work.UD, work)
+            measurement.correct(table, _VELOCITY, work.x, work.UD, work)
     out.nis = _total(out.type_nis[_POSITION], out.type_nis[_VELOCITY])
     if monitor.is_watching(nav, table):
-        _watch(nav, table, inp, gain, work, out)
+        _watch(nav, table, inp, work, out)
     return cause
 
 
@@ -188,40 +189,56 @@ def degrees_of_freedom(out):
 
 
 @kernel
-def _watch(nav, table, inp, gain, work, out):
+def _watch(nav, table, inp, work, out):
     """Let the monitor see the innovations; act on what it finds."""
     position = out.type_nis[_POSITION] if monitor.counts(nav, _POSITION, out.type_cause[_POSITION]) else math.nan
     velocity = out.type_nis[_VELOCITY] if monitor.counts(nav, _VELOCITY, out.type_cause[_VELOCITY]) else math.nan
     if math.isnan(position) and math.isnan(velocity):
         return
-    slot = monitor.observe(nav, table, inp.fix_gps_ns, position, velocity, gain, work)
+    slot = monitor.observe(nav, table, inp.fix_gps_ns, position, velocity, work)
     out.monitor_statistic = nav.monitor_statistic
     out.monitor_kind = nav.monitor_kind
     if slot == monitor.NOTHING:
         return
+    _adopt(nav, table, inp.fix_gps_ns, slot, work, out)
+    monitor.forget(nav)
+
+
+@kernel
+def _adopt(nav, table, t_gps_ns, slot, work, out):
+    """Act on a fault of nav.monitor_kind with onset `slot`: correct the state by it, as far as its size is known.
+
+    A manoeuvre is what the state lacks; of a receiver's fault it has what it absorbed, and the receiver is excluded.
+    """
+    kind = nav.monitor_kind
     sigma = monitor.fault_size(nav, slot, work)
-    age_s = (inp.fix_gps_ns - nav.monitor_t_gps_ns[slot]) * 1e-9
-    found2 = 0.0
-    for i in range(3):
-        found2 += work.residual[i] ** 2
-    if nav.monitor_kind == monitor.MANOEUVRE:
+    age_s = (t_gps_ns - nav.monitor_t_gps_ns[slot]) * 1e-9
+    share_r = -nav.monitor_absorbed[slot, kind, 0]
+    share_v = -nav.monitor_absorbed[slot, kind, 1]
+    opening = _OPENING
+    if kind == monitor.MANOEUVRE:
         out.events |= _MANOEUVRE
         nav.monitor_pause = table.monitor_pause_fixes
-        opening = _OPENING_EARLY if age_s < _EARLY_S else _OPENING
-        for c in range(3):
-            widen(table, work.UD, c, age_s, 1.0, opening * opening * found2 + sigma * sigma, work)
-            # its course since the onset is not known
-            widen(table, work.UD, c, age_s, 0.0, found2 / 3.0, work)
+        share_r += age_s
+        share_v += 1.0
+        if age_s < _EARLY_S:
+            opening = _OPENING_EARLY
     else:
         out.events |= _SLOW_FAULT
-        kind = _VELOCITY if nav.monitor_kind == monitor.VELOCITY_BIAS else _POSITION
-        nav.excluded[kind] = 1
-        nav.monitor_good[kind] = 0
-        nav.monitor_sum[kind, :] = 0.0
-        absorbed = 2.0 * nav.monitor_absorbed[slot, nav.monitor_kind]
-        for c in range(3):
-            widen(table, work.UD, c, absorbed, 0.0, found2 + sigma * sigma, work)
-    monitor.forget(nav)
+        excluded = _VELOCITY if kind == monitor.VELOCITY_BIAS else _POSITION
+        nav.excluded[excluded] = 1
+        nav.monitor_good[excluded] = 0
+        nav.monitor_sum[excluded, :] = 0.0
+    found2 = 0.0
+    for i in range(3):
+        size = work.residual[i]
+        found2 += size * size
+        work.x[i] += share_r * size
+        work.x[3 + i] += share_v * size
+    for c in range(3):
+        widen(table, work.UD, c, share_r, share_v, opening * opening * found2 + sigma * sigma, work)
+        if kind == monitor.MANOEUVRE:  # its course since the onset is not known
+            widen(table, work.UD, c, share_r, 0.0, _COURSE * _COURSE * found2, work)
 
 
 @kernel

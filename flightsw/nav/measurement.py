@@ -148,8 +148,8 @@ def is_inhibited(nav, table, kind):
 
 
 @kernel
-def correct(table, x, ud, work):
-    """Update x and the factors in place by the measurement of the last `evaluate`. Returns the mean gain, r by r.
+def correct(table, kind, x, ud, work):
+    """Update x and the factors in place by the measurement of the last `evaluate`; fills work.mean_gain.
 
     Where the state's variance dominates, a share of it is added to R (underweighting: W. M. Lear, JSC-20688, 1985):
     the covariance then shrinks more slowly than the error may, whatever a large correction leaves out.
@@ -161,7 +161,8 @@ def correct(table, x, ud, work):
     for axis in range(3):
         trace += work.S[axis, axis] - work.sigma[axis] ** 2
     underweight = table.underweight if trace > table.underweight_above_m**2 else 0.0
-    mean_gain = 0.0
+    work.mean_gain[kind, 0] = 0.0
+    work.mean_gain[kind, 1] = 0.0
     for axis in range(3):
         h = work.H[axis]
         variance = work.sigma[axis] ** 2
@@ -176,7 +177,7 @@ def correct(table, x, ud, work):
         for j in range(n):
             dx[j] += work.gain_one[j] * rest
         for i in range(3):
-            mean_gain += h[i] * work.gain_one[i] / 3.0
+            work.mean_gain[kind, 0] += h[3 * kind + i] * work.gain_one[i] / 3.0
+            work.mean_gain[kind, 1] += h[3 * kind + i] * work.gain_one[3 + i] / 3.0
     for j in range(n):
         x[j] += dx[j]
-    return mean_gain

@@ -113,17 +113,37 @@ def counts(nav, kind, cause):
 
 
 @kernel
-def _add(nav, k, nis):
-    nav.monitor_energy[k] += nis
-    nav.monitor_dof[k] += 3.0
+def signature(hypothesis, kind, age_s):
+    """How a fault of size one, age_s after its onset, shifts a measurement of a type; zero where it does not."""
+    if hypothesis == MANOEUVRE:
+        return age_s if kind == POSITION else 1.0
+    if hypothesis == VELOCITY_BIAS:
+        return 0.0 if kind == POSITION else 1.0
+    if kind == VELOCITY:
+        return 0.0
+    return age_s if hypothesis == POSITION_RAMP else 1.0
 
 
 @kernel
-def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, work):
+def _gather_type(nav, k, kind, age_s, work):
+    """One measurement into all hypotheses of an onset: what the state has absorbed of the fault is not seen any more.
+
+    What it absorbs follows from the mean gains of the filter, work.mean_gain, axes taken for themselves.
+    """
+    absorbed = nav.monitor_absorbed[k]
+    for hypothesis in range(MONITOR_HYPOTHESES):
+        shift = signature(hypothesis, kind, age_s) - absorbed[hypothesis, kind]
+        _gather(nav, k, hypothesis, shift, work.weight_type[kind], work.innovation_type[kind])
+        absorbed[hypothesis, 0] += work.mean_gain[kind, 0] * shift
+        absorbed[hypothesis, 1] += work.mean_gain[kind, 1] * shift
+
+
+@kernel
+def observe(nav, table, t_gps_ns, position_nis, velocity_nis, work):
     """Take the innovations of a fix (work.innovation_type, work.weight_type: S^-1) and test them.
 
-    position_nis, velocity_nis: of what counts as evidence, else NaN. gain_position: mean gain of position by position,
-    for what the state absorbs of a fault. Returns the slot of the most likely onset of nav.monitor_kind, or NOTHING.
+    position_nis, velocity_nis: of what counts as evidence, else NaN. work.mean_gain: what the filter has made of it.
+    Returns the slot of the most likely onset of nav.monitor_kind, or NOTHING.
 
     A hypothesis must leave nothing but noise of the innovations. A fault of the receiver is believed where it beats a
     manoeuvre by a margin, and the other way round: to exclude good fixes after a manoeuvre would leave an error that
@@ -137,6 +157,8 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, wor
     if nav.monitor_watched % (_SPARSE * table.monitor_step_fixes) == 0:
         _open(nav, 1, t_gps_ns)
     nav.monitor_watched += 1
+    passed_s = (t_gps_ns - nav.monitor_last_gps_ns) * 1e-9
+    nav.monitor_last_gps_ns = t_gps_ns
     fault = 0.0
     fault_kind = NOTHING
     fault_slot = NOTHING
@@ -147,23 +169,17 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, gain_position, wor
         if onset == 0:
             continue
         age_s = (t_gps_ns - onset) * 1e-9
+        absorbed = nav.monitor_absorbed[k]
+        for hypothesis in range(MONITOR_HYPOTHESES):
+            absorbed[hypothesis, 0] += passed_s * absorbed[hypothesis, 1]
         if not math.isnan(position_nis):
-            weight = work.weight_type[POSITION]
-            innovation = work.innovation_type[POSITION]
-            absorbed = nav.monitor_absorbed[k]
-            _gather(nav, k, MANOEUVRE, age_s - absorbed[MANOEUVRE], weight, innovation)
-            _gather(nav, k, POSITION_RAMP, age_s - absorbed[POSITION_RAMP], weight, innovation)
-            _gather(nav, k, POSITION_STEP, 1.0 - absorbed[POSITION_STEP], weight, innovation)
-            absorbed[MANOEUVRE] += gain_position * (age_s - absorbed[MANOEUVRE])
-            absorbed[POSITION_RAMP] += gain_position * (age_s - absorbed[POSITION_RAMP])
-            absorbed[POSITION_STEP] += gain_position * (1.0 - absorbed[POSITION_STEP])
-            _add(nav, k, position_nis)
+            _gather_type(nav, k, POSITION, age_s, work)
+            nav.monitor_energy[k] += position_nis
+            nav.monitor_dof[k] += 3.0
         if not math.isnan(velocity_nis):
-            weight = work.weight_type[VELOCITY]
-            innovation = work.innovation_type[VELOCITY]
-            _gather(nav, k, MANOEUVRE, 1.0, weight, innovation)
-            _gather(nav, k, VELOCITY_BIAS, 1.0, weight, innovation)
-            _add(nav, k, velocity_nis)
+            _gather_type(nav, k, VELOCITY, age_s, work)
+            nav.monitor_energy[k] += velocity_nis
+            nav.monitor_dof[k] += 3.0
         for hypothesis in range(MONITOR_HYPOTHESES):
             statistic = _solve(nav, k, hypothesis, work)
             if statistic > nav.monitor_statistic:
