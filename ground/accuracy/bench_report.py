@@ -17,7 +17,8 @@ _VERDICT_HEAD = "item | orbit | fixes | what | wanted | goal | measured | "
 _STEADY_HEAD = "orbit | fixes | converged in | position rms | max | velocity rms | beyond bound | NEES/n"
 _OUTAGE_HEAD = "orbit | fixes | age | starts | median | 99.7 % | max | error/bound | bound median | "
 _OUTAGE_HEAD += "floor median | floor max | share"
-_RETURN_HEAD = "orbit | fixes | outage | runs | error then (max) | 5 m in 60 s | worst | 2x steady in 600 s | worst"
+_RETURN_HEAD = "orbit | fixes | outage | runs | error then (max) | 5 m in 60 s | worst | 2x steady in 600 s | worst | "
+_RETURN_HEAD += "rms at 600 s by steady | late without outage"
 
 
 def document(summaries: Sequence[Summary], lines: Sequence[Line], code_sha256: str) -> dict[str, Any]:
@@ -180,6 +181,8 @@ def _return_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
                 _seconds(one["near_max_s"]),
                 f"{one['steady_in_time']} of {one['runs']}",
                 _seconds(one["steady_max_s"]),
+                _plain(one["rms_then_by_steady"]),
+                _percent(summary["steady"]["not_steady_by_chance_share"]),
             )
 
 

@@ -62,6 +62,7 @@ def steady_figures(plan: Plan, figures: Arrays) -> Summary:
         "bound_median_m": _number(np.median(figures["flight_bound_m"][steady])),
         "beyond_bound_share": _share(beyond.sum(), len(beyond)),
         "beyond_twice_rms_share": _share(np.sum(position > STEADY_FACTOR * rms_m), len(position)),
+        "not_steady_by_chance_share": chance_of_a_late_return(position, rms_m),
         "nees_per_state": None,
     }
     if "flight_nees" in figures:
@@ -158,6 +159,7 @@ def return_figures(plan: Plan, figures: Arrays, k: int, steady_rms_m: float | No
         "steady_median_s": _number(np.median(steady)),
         "steady_max_s": _number(steady.max()),
         "steady_in_time": int(np.sum(steady <= STEADY_S)),
+        "rms_then_by_steady": _quotient(_rms(error[:, min(int(STEADY_S), error.shape[1] - 1)]), steady_rms_m),
         "integrated_max_s": _number(mode.max()),
         "beyond_bound_share": _share(figures["return_beyond"][:, k].sum(), figures["return_ticks"][:, k].sum()),
     }
@@ -177,10 +179,27 @@ def steady_again_s(error_m: np.ndarray, steady_rms_m: float) -> float:
 
     An rms, not each second: some seconds of steady flight are beyond twice its rms as well.
     """
-    squares = np.concatenate(([0.0], np.cumsum(np.asarray(error_m, dtype=np.float64) ** 2)))
-    rms = np.sqrt((squares[STEADY_WINDOW_S:] - squares[:-STEADY_WINDOW_S]) / STEADY_WINDOW_S)
-    good = np.flatnonzero(rms <= STEADY_FACTOR * steady_rms_m)
+    good = np.flatnonzero(_rms_of_windows(error_m) <= STEADY_FACTOR * steady_rms_m)
     return float(good[0]) if len(good) else np.inf
+
+
+def chance_of_a_late_return(steady_m: np.ndarray, steady_rms_m: float) -> float | None:
+    """Share of all instants of steady flight (n,), each second, from which `steady_again_s` is later than STEADY_S.
+
+    What the same yardstick says where there was no outage at all: so often a return is late by chance.
+    """
+    if len(steady_m) < STEADY_S + STEADY_WINDOW_S or not np.isfinite(steady_m).all():
+        return None
+    good = _rms_of_windows(steady_m) <= STEADY_FACTOR * steady_rms_m
+    counted = np.concatenate(([0], np.cumsum(good)))
+    length = int(STEADY_S) + 1
+    return _share(np.sum(counted[length:] == counted[:-length]), len(counted) - length)
+
+
+def _rms_of_windows(error_m: np.ndarray) -> np.ndarray:
+    """The rms of STEADY_WINDOW_S from each second on."""
+    squares = np.concatenate(([0.0], np.cumsum(np.asarray(error_m, dtype=np.float64) ** 2)))
+    return np.sqrt((squares[STEADY_WINDOW_S:] - squares[:-STEADY_WINDOW_S]) / STEADY_WINDOW_S)
 
 
 def start_list(plan: Plan, figures: Arrays) -> list[Summary]:

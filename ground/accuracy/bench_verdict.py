@@ -41,6 +41,7 @@ _COLOURED_OUTAGE = ("2000", (5.0, 16.0))
 _VELOCITY_RATIO = 1.3
 _CLOCK_RATIO = 1.5
 _CLOCK_AGES = ("900", "2000", "7200")
+_NEES_AGES = ("60", "900", "2000", "7200")
 _NEES = (0.3, 1.1)
 _BEYOND_SHARE = 0.003
 _MISSING = float("inf")  # a figure that is not finite misses every limit
@@ -130,7 +131,7 @@ def _consistency(one: Summary) -> Iterator[Line]:
         yield Line("5", orbit, profile, "steady NEES per state", "", value, _NEES[1], None, _NEES[0])
         for age in one["outages"]:
             value = one["outages"][age].get("nees_per_state")
-            if value is not None and age in _CLOCK_AGES:
+            if value is not None and age in _NEES_AGES:
                 what = f"NEES per state {age} s into the outage"
                 yield Line("5", orbit, profile, what, "", value, _NEES[1], None, _NEES[0])
     for what, share in (

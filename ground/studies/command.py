@@ -11,6 +11,7 @@ from ground.errors import OperatorError
 
 HELP = "fly an outage from many start phases and summarise error, flag and bound"
 _SCENARIOS = {"paper": "paper_outage", "j2": "j2_outage"}
+_RECORDED = "graceb"  # no seeds to vary: its noise was real
 _LINES = (
     ("error passes the limit", "crossed_age_s", "s", 0),
     ("flag", "flag_age_s", "s", 0),
@@ -29,8 +30,8 @@ _LINES = (
 def add_arguments(subparsers: Any) -> None:
     """The parser of `ground study`."""
     parser = subparsers.add_parser("study", help=HELP, description=HELP)
-    parser.add_argument("name", choices=sorted(_SCENARIOS), metavar="STUDY", help="paper or j2")
-    parser.add_argument("--runs", type=int, default=20, metavar="N", help="seeds and start phases (default 20)")
+    parser.add_argument("name", choices=[*sorted(_SCENARIOS), _RECORDED], metavar="STUDY", help="paper, j2 or graceb")
+    parser.add_argument("--runs", type=int, metavar="N", help="seeds and start phases (default 20)")
     parser.add_argument("--sigma", type=float, metavar="M", help="position noise of the fixes per axis [m]")
     parser.add_argument(
         "--set",
@@ -46,29 +47,52 @@ def add_arguments(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly, print, return 0. Raises OperatorError for what cannot be flown."""
-    if args.runs < 1:
+    if args.runs is not None and args.runs < 1:
         raise OperatorError(f"--runs {args.runs}: give 1 or more")
     if args.jobs is not None and args.jobs < 1:
         raise OperatorError(f"--jobs {args.jobs}: give 1 or more")
     if args.json is not None and not args.json.parent.is_dir():
         raise OperatorError(f"--json {args.json}: no such folder; make it, or name another file")
+    if args.name == _RECORDED:
+        return _run_recorded(args)
     from ground.studies.flights import each, pool, progress_bar, usual_jobs
     from ground.studies.outage import as_document, fly_variant, summarise, variants
 
     settings = list(args.settings)
     if args.sigma is not None:
         settings.insert(0, f"gnss.sigma_position_m={args.sigma!r}")
-    chosen = variants(_SCENARIOS[args.name], args.runs, settings)
+    chosen = variants(_SCENARIOS[args.name], args.runs or 20, settings)
     jobs = usual_jobs() if args.jobs is None else args.jobs
     with progress_bar(f"flying {chosen[0].scenario}", len(chosen)) as advance, pool(min(jobs, len(chosen))) as workers:
         runs = each(workers, fly_variant, chosen, advance)
     _print(chosen[0].scenario, runs, summarise(runs))
-    if args.json is not None:
-        try:
-            args.json.write_text(json.dumps(as_document(args.name, chosen, runs), indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OperatorError(f"--json {args.json}: cannot be written: {error.strerror}") from error
+    _write(args.json, as_document(args.name, chosen, runs))
     return 0
+
+
+def _run_recorded(args: argparse.Namespace) -> int:
+    for option, value in (("--runs", args.runs), ("--sigma", args.sigma)):
+        if value is not None:
+            raise OperatorError(f"{option} {value}: the study {args.name} flies one recording; leave {option} out")
+    from ground.studies import graceb
+    from ground.studies.flights import each, pool, progress_bar, usual_jobs
+
+    tasks = [graceb.Task(variant, tuple(args.settings)) for variant in graceb.VARIANTS]
+    jobs = usual_jobs() if args.jobs is None else args.jobs
+    with progress_bar(f"flying {graceb.SCENARIO}", len(tasks)) as advance, pool(min(jobs, len(tasks))) as workers:
+        found = each(workers, graceb.fly, tasks, advance)
+    print(graceb.table(found))
+    _write(args.json, graceb.as_document(found))
+    return 0
+
+
+def _write(path: Path | None, document: dict[str, Any]) -> None:
+    if path is None:
+        return
+    try:
+        path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OperatorError(f"--json {path}: cannot be written: {error.strerror}") from error
 
 
 def _print(scenario: str, runs: list[Any], summary: dict[str, Any]) -> None:

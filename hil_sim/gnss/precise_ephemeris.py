@@ -1,6 +1,6 @@
 """GPS satellites between the nodes of precise orbit files: position and velocity of the antenna, clock, clock's sigma.
 
-Orbits: Lagrange's polynomial of degree 10 in ITRF (good to a centimetre at 15 minutes). Clocks: linear between
+Orbits: Lagrange's polynomial of degree 10 in ITRF (3 mm at most between nodes of 15 minutes). Clocks: linear between
 neighbouring nodes that both exist, never across a missing one: that would be kilometres. What a clock strays by in
 between is a random walk tied at both nodes, and its size is taken from the satellite's own nodes.
 """

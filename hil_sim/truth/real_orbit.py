@@ -82,7 +82,8 @@ def differentiate(t_ns: np.ndarray, x: np.ndarray, stencil: int = STENCIL) -> np
     """dx/dt (n, 3) at the samples, per second, from `stencil` samples around each (Lagrange's polynomial).
 
     NaN where fewer lie in a row without a hole (a step of more than 2.5 usual ones). Weights by the barycentric form
-    (Berrut and Trefethen 2004, eq. 9.3), any spacing.
+    (Berrut and Trefethen 2004, eq. 9.3), any spacing. On precise orbits of 60 s: 1e-5 m/s in the median, 6e-4 at the
+    ends, where the samples lie on one side.
     """
     result = np.full(x.shape, np.nan)
     if len(t_ns) < stencil:

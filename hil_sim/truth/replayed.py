@@ -39,7 +39,8 @@ def load_truth(
     low = max(int(np.searchsorted(t, t_first_gps_ns, side="right")) - 1 - NODES_EACH_SIDE, 0)
     high = int(np.searchsorted(t, t_last_gps_ns)) + 1 + NODES_EACH_SIDE
     part = orbit._replace(t_gps_ns=t[low:high], r_m=orbit.r_m[low:high], v_mps=orbit.v_mps[low:high])
-    return TrackTruth(to_track(path, evenly_spaced(path, part), finals_path), f"{path.name} ({orbit.frame})")
+    source = f"{path.name} ({orbit.frame}, velocities {orbit.velocity}, to {orbit.mismatch_mps:.1g} m/s)"
+    return TrackTruth(to_track(path, evenly_spaced(path, part), finals_path), source)
 
 
 def to_track(path: Path, orbit: RealOrbit, finals_path: Path | None = None) -> HermiteTrack:

@@ -27,6 +27,7 @@ from ground.accuracy.bench_cases import (
 from ground.accuracy.bench_flight import best_scale, nees
 from ground.accuracy.bench_summary import (
     age_figures,
+    chance_of_a_late_return,
     converged_s,
     near_s,
     return_figures,
@@ -179,6 +180,19 @@ def test_steady_again_when_the_rms_of_a_minute_is_within_twice_the_steady_one() 
     assert steady_again_s(error, 0.9) == 99.0
 
 
+def test_late_by_chance_is_what_steady_flight_itself_would_say() -> None:
+    """GIVEN 1 m but for 700 s of 9 m WHEN every instant is judged as a return THEN late where all windows have 9 m.
+
+    A window of 60 s with k seconds of 9 m is within 2 m for k <= 2; a return is late if none of 601 windows is.
+    """
+    error = np.ones(5000)
+    error[2000:2700] = 9.0
+    late = [t for t in range(5000 - 660 + 1) if steady_again_s(error[t : t + 660], 1.0) > 600.0]
+    assert late[0] == 2000 - 57
+    assert chance_of_a_late_return(error, 1.0) == pytest.approx(len(late) / (5000 - 660 + 1), rel=1e-5)
+    assert chance_of_a_late_return(np.ones(659), 1.0) is None
+
+
 def figures(starts: int = 4) -> dict[str, np.ndarray]:
     """Figures of a case: start n has an error of n + 1 m along x at all ages, bounds of 4 m, floors of half of it."""
     ages, seconds = len(PLAN.curve_s), np.arange(20_000.0)
@@ -258,6 +272,7 @@ def test_returns_count_those_flown_to_the_end_and_judge_each() -> None:
     assert (found["runs"], found["near_in_time"], found["near_max_s"]) == (3, 2, 71.0)
     assert (found["steady_in_time"], found["steady_max_s"]) == (2, None)
     assert found["integrated_max_s"] == 4.0
+    assert found["rms_then_by_steady"] == pytest.approx(np.sqrt((0.25 + 0.25 + 9.0) / 3) / 0.3, rel=1e-5)
 
 
 def test_every_start_is_listed() -> None:
