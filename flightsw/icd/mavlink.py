@@ -1189,8 +1189,10 @@ LEONAV_ALERT_ID_EDITING_OVERRIDDEN = 20
 enums["LEONAV_ALERT_ID"][20] = EnumEntry("LEONAV_ALERT_ID_EDITING_OVERRIDDEN", """Measurement editing overridden""")
 LEONAV_ALERT_ID_BURN_ACTIVE = 21
 enums["LEONAV_ALERT_ID"][21] = EnumEntry("LEONAV_ALERT_ID_BURN_ACTIVE", """Announced burn in progress""")
-LEONAV_ALERT_ID_ENUM_END = 22
-enums["LEONAV_ALERT_ID"][22] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_FIXES_IN_DOUBT = 22
+enums["LEONAV_ALERT_ID"][22] = EnumEntry("LEONAV_ALERT_ID_FIXES_IN_DOUBT", """Fixes drift off the state: fault or manoeuvre""")
+LEONAV_ALERT_ID_ENUM_END = 23
+enums["LEONAV_ALERT_ID"][23] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
