@@ -21,10 +21,20 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from flightsw import onboard
-    from flightsw.app import PreflightFailed
+    from flightsw.app import Checkpoints, PreflightFailed
 
+    checkpoints = Checkpoints(options.checkpoint, options.checkpoint_period) if options.checkpoint else None
     try:
-        return onboard.run(options.can, options.tables, options.link, options.out, options.ticks)
+        return onboard.run(
+            options.can,
+            options.tables,
+            options.link,
+            options.out,
+            options.ticks,
+            checkpoints,
+            options.resume,
+            options.resume_max_age,
+        )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
         return EXIT_REFUSED
@@ -57,6 +67,16 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.1 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text}: give seconds from 0.1 to 1000000")
+    return value
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="flightsw", description="Navigation that bounds its own error.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="run | replay")
@@ -67,6 +87,16 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--link", metavar="udp:HOST:PORT", help="where MAVLink goes; none without")
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs, ready to be replayed; none without")
     run.add_argument("--ticks", type=_count, metavar="N", help="stop after so many ticks")
+    run.add_argument("--checkpoint", type=Path, metavar="FILE", help="keep the state here for a warm restart")
+    run.add_argument(
+        "--checkpoint-period", type=_seconds, default=60.0, metavar="S", help="seconds between checkpoints (60)"
+    )
+    run.add_argument(
+        "--resume", type=Path, metavar="FILE", help="go on from this checkpoint; told and not used where unfit"
+    )
+    run.add_argument(
+        "--resume-max-age", type=_seconds, default=7200.0, metavar="S", help="an older state is not used (7200)"
+    )
     run.set_defaults(action=_run)
 
     replay = commands.add_parser("replay", help="fly the journal of a run again and compare, byte for byte")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flightsw.can_port import CanPort
+from flightsw.checkpoint import CheckpointRefused, CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
@@ -19,11 +20,13 @@ from flightsw.main_loop import MainLoop
 from flightsw.memory import Memory
 from flightsw.nav.flight_model import FLIGHT
 from flightsw.nav.step import step
+from flightsw.records import NAV
 
 NAVIGATION_FILE = "navigation.tbl"
 EARTH_ORIENTATION_FILE = "earth_orientation.tbl"
 FORCES_FILE = "forces.tbl"
 GRAVITY_FIELD_FILE = "gravity_field.tbl"
+RESUME_FILE = "resume.ckpt"  # in the folder of a run: the checkpoint that it began with
 
 
 class PreflightFailed(RuntimeError):
@@ -35,6 +38,23 @@ class ForceTables(NamedTuple):
 
     forces: TableImage
     gravity_field: TableImage
+
+
+class Checkpoints(NamedTuple):
+    """Where a flight keeps its checkpoint, and how often it writes one."""
+
+    path: Path
+    period_s: float
+
+
+def load_resume(path: Path, max_age_s: float, navigation: TableImage) -> Resume:
+    """The checkpoint of a file, fit for this software and table; CheckpointRefused names the file and the reason."""
+    try:
+        return Resume(path.read_bytes(), NAV, navigation.crc32, max_age_s)
+    except OSError as error:
+        raise CheckpointRefused(f"{path}: cannot be read ({error.strerror})") from error
+    except CheckpointRefused as error:
+        raise CheckpointRefused(f"{path}: {error}") from error
 
 
 def load_tables(folder: Path) -> tuple[TableImage, TableImage]:
@@ -80,8 +100,13 @@ def build(
     unix_start_ns: int,
     progress: Callable[[int, int, str], None] | None = None,
     forces: ForceTables | None = None,
+    resume: Resume | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> MainLoop:
-    """A flight ready to tick: kernels compiled, tables loaded, one dry step flown and forgotten."""
+    """A flight ready to tick: kernels compiled, tables loaded, one dry step flown and forgotten.
+
+    resume: a state to go on from once time is known. checkpoints: write them in the slack.
+    """
     registry.warm_up(progress)
     memory = Memory()
     memory.load(navigation.values, orientation.values)
@@ -93,7 +118,16 @@ def build(
     elif int(navigation.values["filter_model"][0]) == FLIGHT:
         raise PreflightFailed(f"set {navigation.set_name} flies the full force model: {FORCES_FILE} is missing")
     _preflight(memory)
-    return MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
+    loop = MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
+    loop.resume = resume
+    if checkpoints is not None:
+        period_ns = round(checkpoints.period_s * 1e9)
+        loop.keep_checkpoints(
+            CheckpointWriter(
+                checkpoints.path, memory.nav, navigation.crc32, period_ns, lambda: loop.counter_ns, clock.lockstep
+            )
+        )
+    return loop
 
 
 def _preflight(memory: Memory) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flightsw.can_port import CanPort
+from flightsw.checkpoint import CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
@@ -52,6 +53,8 @@ class MainLoop:
         self.journal = journal
         self.memory = memory
         self.certificate = int(Certificate.UNCERTIFIED)
+        self.resume: Resume | None = None  # a state of before the restart, until onboard time is known
+        self.checkpoints: CheckpointWriter | None = None
         self.counter_start_ns = clock.counter_ns()
         self.counter_ns = self.counter_start_ns
         self.anchor(unix_start_ns)
@@ -128,6 +131,8 @@ class MainLoop:
             if out[at["fix_seen"]]:
                 self._fix_input[:] = call
                 self._fix_output[:] = memory.output
+        if self.resume is not None and self.resume.pending and memory.nav["clock_valid"][0]:
+            self.resume.settle(memory.nav, int(self.out[self.out_reader.at["t_gps_ns"]]))
 
     def _publish(self) -> None:
         out, at = self.out, self.out_reader.at
@@ -203,6 +208,11 @@ class MainLoop:
     def rejections(self) -> int:
         """All rejections since start."""
         return sum(self.rejected) + int(self._rejected_nav.sum()) + self.port.errors
+
+    def keep_checkpoints(self, writer: CheckpointWriter) -> None:
+        """Write checkpoints in the slack from now on."""
+        self.checkpoints = writer
+        self.schedule.add_slack(Member("checkpoint", 1, 2000.0, writer.write_slice))
 
     # -- the cycle
 

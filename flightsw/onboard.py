@@ -13,6 +13,7 @@ import can
 
 from flightsw import app, realtime
 from flightsw.can_port import CanPort
+from flightsw.checkpoint import CheckpointRefused, Resume
 from flightsw.clock import RealTimeClock
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import Journal
@@ -81,8 +82,9 @@ def open_logs(
     navigation: TableImage,
     orientation: TableImage,
     forces: app.ForceTables | None = None,
+    resume: Resume | None = None,
 ) -> Journal:
-    """The journal in `out`, with what a replay needs beside it: run.json and a copy of the tables. None: no logs."""
+    """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs."""
     if out is None:
         return Journal(None)
     try:
@@ -91,38 +93,80 @@ def open_logs(
         for name in names if forces is None else (*names, app.FORCES_FILE, app.GRAVITY_FIELD_FILE):
             image = (tables / name).read_bytes()  # read before writing: the two folders may be one
             (out / "tables" / name).write_bytes(image)
-        record = {"lockstep": False, **identity(navigation, orientation, *(forces or ()))}
+        if resume is not None:
+            (out / app.RESUME_FILE).write_bytes(resume.image)
+        record = {"lockstep": False, **identity(navigation, orientation, *(forces or ()), resume=resume)}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out)
     except OSError as error:
         raise Refused(f"--out {out}: cannot be written ({error.strerror}); name another folder") from error
 
 
-def run(can_bus: str, tables: Path, link: str | None, out: Path | None, ticks: int | None) -> int:
-    """Fly until stopped, or for so many ticks. Returns the exit status."""
+def run(
+    can_bus: str,
+    tables: Path,
+    link: str | None,
+    out: Path | None,
+    ticks: int | None,
+    checkpoints: app.Checkpoints | None = None,
+    resume: Path | None = None,
+    resume_max_age_s: float = 0.0,
+) -> int:
+    """Fly until stopped, or for so many ticks. Returns the exit status.
+
+    A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
+    """
     navigation, orientation = app.load_tables(tables)
     forces = app.load_force_tables(tables, navigation)
+    if checkpoints is not None and not checkpoints.path.parent.is_dir():
+        raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
+    resumed = _load_resume(resume, resume_max_age_s, navigation)
     sink = open_link(link)
     port = open_port(can_bus)
     try:
-        journal = open_logs(out, tables, navigation, orientation, forces)
+        journal = open_logs(out, tables, navigation, orientation, forces, resumed)
     except Refused:
         port.close()
         raise
+    loop = None
     try:
         loop = app.build(
-            navigation, orientation, RealTimeClock(), port, journal, sink, time.time_ns(), _tell_progress, forces
+            navigation,
+            orientation,
+            RealTimeClock(),
+            port,
+            journal,
+            sink,
+            time.time_ns(),
+            _tell_progress,
+            forces,
+            resumed,
+            checkpoints,
         )
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute
         loop.run(ticks)
     finally:
+        if loop is not None and loop.checkpoints is not None:
+            loop.checkpoints.close()
         journal.close()
         port.close()
         sink.close()
     print(f"flightsw: {loop.tick} ticks, {loop.slips} slips")
+    if loop.checkpoints is not None:
+        print(f"flightsw: {loop.checkpoints.written} checkpoints written, {loop.checkpoints.failed} failed")
     return 0
+
+
+def _load_resume(path: Path | None, max_age_s: float, navigation: TableImage) -> Resume | None:
+    if path is None:
+        return None
+    try:
+        return app.load_resume(path, max_age_s, navigation)
+    except CheckpointRefused as error:
+        print(f"flightsw: --resume {error}; starting without it", file=sys.stderr)
+        return None
 
 
 def _tell_progress(done: int, total: int, name: str) -> None:

@@ -8,6 +8,7 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from flightsw.checkpoint import Resume
 from flightsw.icd.table_file import TableImage
 from flightsw.kernels.kernel_cache import source_hash
 
@@ -23,12 +24,17 @@ def package_hash() -> str:
     return digest.hexdigest()
 
 
-def identity(navigation: TableImage, orientation: TableImage, *others: TableImage) -> dict[str, Any]:
-    """The part of run.json that decides what flight does with a journal. others: the force tables, if they fly."""
+def identity(
+    navigation: TableImage, orientation: TableImage, *others: TableImage, resume: Resume | None = None
+) -> dict[str, Any]:
+    """The part of run.json that decides what flight does with a journal.
+
+    others: the force tables, if they fly. resume: the checkpoint it began with, if it did.
+    """
     return {
         "flight_source_sha256": source_hash(),
         "flight_package_sha256": package_hash(),
-        "checkpoint": None,
+        "checkpoint": None if resume is None else {"sha256": resume.image_sha256, "max_age_s": resume.max_age_s},
         "tables": {
             "navigation": {"set": navigation.set_name, "crc32": navigation.crc32},
             "earth_orientation": {"crc32": orientation.crc32},
@@ -57,6 +63,10 @@ def differences(run: dict[str, Any], here: dict[str, Any]) -> list[str]:
         if flew != table["crc32"]:
             text = f"CRC {flew:08x}" if isinstance(flew, int) else "none that run.json names"
             found.append(f"table {name} has CRC {table['crc32']:08x}, the run flew {text}")
+    if run.get("checkpoint") != here["checkpoint"]:
+        began = _part(run, "checkpoint").get("sha256")
+        text = f"with checkpoint {str(began)[:16]}" if began else "without a checkpoint"
+        found.append(f"the checkpoint here is not that of the run, which began {text}")
     for name, version in here["versions"].items():
         flew = _part(run, "versions").get(name)
         if flew != version:

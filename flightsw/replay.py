@@ -1,7 +1,7 @@
 """Replay: the journal of a run fed into flight alone. Same inputs, same tables: same outbound bytes.
 
-Flight is a function of tables and journal. A tick's inputs are the frames noted as received before its heartbeat,
-which also carries the counter the tick ran at and the slips counted until then, and the notes on a lost bus.
+Flight is a function of tables, checkpoint and journal. A tick's inputs are the frames noted as received before its
+heartbeat, which also carries the counter the tick ran at and the slips counted until then, and the notes on a lost bus.
 """
 
 from __future__ import annotations
@@ -12,14 +12,16 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import can
 
 from flightsw import app
 from flightsw.can_port import CanPort
+from flightsw.checkpoint import CheckpointRefused, Resume
 from flightsw.clock import LockstepClock
 from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
+from flightsw.icd.table_file import TableImage
 from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, Journal
 from flightsw.link.mavlink_out import Nowhere
 from flightsw.provenance import differences, identity
@@ -176,15 +178,34 @@ class Outcome(NamedTuple):
 
 def check_versions(run_dir: Path) -> list[str]:
     """What differs between the flight of the run and this one, in words; ReplayRefused if the folder is no run."""
+    run = _record(run_dir)
+    navigation, orientation = app.load_tables(run_dir / "tables")
+    forces = app.load_force_tables(run_dir / "tables", navigation)
+    resume = _resume(run_dir, run, navigation)
+    return differences(run, identity(navigation, orientation, *(forces or ()), resume=resume))
+
+
+def _record(run_dir: Path) -> dict[str, Any]:
     try:
         run = json.loads((run_dir / "run.json").read_text())
     except (OSError, ValueError) as error:
         raise ReplayRefused(f"{run_dir}: no readable run.json; give the folder that a run left ({error})") from None
     if not isinstance(run, dict):
         raise ReplayRefused(f"{run_dir / 'run.json'}: not the record of a run")
-    navigation, orientation = app.load_tables(run_dir / "tables")
-    forces = app.load_force_tables(run_dir / "tables", navigation)
-    return differences(run, identity(navigation, orientation, *(forces or ())))
+    return run
+
+
+def _resume(run_dir: Path, run: dict[str, Any], navigation: TableImage) -> Resume | None:
+    """The checkpoint that the run began with, from its folder; None where it began without."""
+    began = run.get("checkpoint")
+    if not isinstance(began, dict):
+        return None
+    try:
+        return app.load_resume(run_dir / app.RESUME_FILE, float(began.get("max_age_s", 0.0)), navigation)
+    except CheckpointRefused as error:
+        raise ReplayRefused(f"the run began with a checkpoint; {error}") from None
+    except (TypeError, ValueError):
+        raise ReplayRefused(f"{run_dir / 'run.json'}: max_age_s of the checkpoint is no number") from None
 
 
 def replay(run_dir: Path, out_dir: Path) -> Outcome:
@@ -194,6 +215,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
     navigation, orientation = app.load_tables(run_dir / "tables")
     forces = app.load_force_tables(run_dir / "tables", navigation)
+    resume = _resume(run_dir, _record(run_dir), navigation)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         if out_dir.samefile(run_dir):
@@ -208,7 +230,9 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
             if loop is None:
                 clock = LockstepClock(tick.counter_ns)
                 port = CanPort(bus.open)  # type: ignore[arg-type]
-                loop = app.build(navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, forces=forces)
+                loop = app.build(
+                    navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, None, forces, resume
+                )
             else:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened

@@ -95,6 +95,10 @@ class Schedule:
         self._slack = slack
         self.whole = Member("tick", 1, tick_budget_us, lambda: None)
 
+    def add_slack(self, member: Member) -> None:
+        """One more slack job, after those there are."""
+        self._slack.append(member)
+
     def run_tick(self, tick: int) -> None:
         """Run the members that are due in this tick, in order."""
         start_ns = before_ns = perf_counter_ns()
