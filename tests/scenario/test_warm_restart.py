@@ -1,6 +1,7 @@
 """Warm restart: flight goes on from a checkpoint, not from nothing, and never from one it should not trust."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,14 @@ from flightsw import app, replay
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import Resume, capture, restore
 from flightsw.icd.enums import Mode, Validity
+from flightsw.icd.table_file import decode
 from flightsw.journal import Journal
 from flightsw.link.mavlink_out import Nowhere
 from flightsw.provenance import identity
 from flightsw.records import NAV
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
+from ground.tables.forces import build_force_tables
 
 SAVED_S = 400.0
 RESTART_S = 1000.0  # ten minutes after the checkpoint
@@ -80,6 +83,25 @@ def test_flight_goes_on_from_a_checkpoint_of_ten_minutes_ago() -> None:
     assert len(bins) > 5
     assert (flight.nav["da_mean"][0, bins] == learned["da_mean"][0, bins]).all()
     assert "GATE" not in flight.counts
+
+
+def test_the_flight_filter_goes_on_from_a_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN the flight filter, with drag scale and factorised covariance WHEN it resumes from 10 min ago THEN it is
+    INTEGRATED within 8 s, its error then below 3 m as before, where a cold start has that of single fixes for minutes.
+    """
+    loaded = load(f"time.duration_s={END_S}", "flight.table_set='flight'", "gnss.sigma_position_m=3")
+    images = build_force_tables(loaded.t_start_gps_ns)
+    forces = app.ForceTables(*(decode(image) for image in images))
+    monkeypatch.setattr(app, "build", partial(app.build, forces=forces))
+    with Flight(loaded) as flight:
+        image = flown_to_the_restart(flight)
+        reboot(flight, Resume(image, NAV, flight.navigation.crc32, 3600.0))
+        flight.fly()
+    assert seconds_until(flight, flight.flown["mode"] == Mode.INTEGRATED) < 8.0
+    offered = (flight.flown["validity"] & Validity.STATE_VALID != 0) & (flight.seconds >= RESTART_S)
+    assert offered.sum() > 900
+    assert (flight.error_m()[offered] <= flight.flown["bound_m"][offered]).all()
+    assert flight.error_m()[offered].max() < 3.0
 
 
 def test_a_restart_clears_no_flag() -> None:
