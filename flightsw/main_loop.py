@@ -163,6 +163,7 @@ class MainLoop:
             self.counter_ns - self.counter_start_ns,
             self.rejections(),
         )
+        self.telemetry.covariance(self.out)
 
     def _telemetry_counters(self) -> None:
         self.telemetry.counters(

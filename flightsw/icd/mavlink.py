@@ -1627,22 +1627,22 @@ class MAVLink_leonav_innovation_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_LEONAV_INNOVATION
     msgname = "LEONAV_INNOVATION"
-    fieldnames = ["t_gps_ns", "innovation", "sigma", "nis", "gate", "mean_nis", "used", "cause"]
-    ordered_fieldnames = ["t_gps_ns", "innovation", "sigma", "nis", "gate", "mean_nis", "used", "cause"]
-    fieldtypes = ["int64_t", "float", "float", "float", "float", "float", "uint8_t", "uint8_t"]
+    fieldnames = ["t_gps_ns", "innovation", "sigma", "nis", "gate", "mean_nis", "used", "cause", "type_nis", "type_gate", "type_cause", "monitor_statistic", "monitor_kind", "drag_scale"]
+    ordered_fieldnames = ["t_gps_ns", "innovation", "sigma", "nis", "gate", "mean_nis", "used", "cause", "type_nis", "type_gate", "type_cause", "monitor_statistic", "monitor_kind", "drag_scale"]
+    fieldtypes = ["int64_t", "float", "float", "float", "float", "float", "uint8_t", "uint8_t", "float", "float", "uint8_t", "float", "uint8_t", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"cause": "LEONAV_REJECT_CAUSE"}
     fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns"}
-    native_format = bytearray(b"<qfffffBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7]
-    lengths = [1, 6, 6, 1, 1, 1, 1, 1]
-    array_lengths = [0, 6, 6, 0, 0, 0, 0, 0]
+    native_format = bytearray(b"<qfffffBBffBfBf")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
+    lengths = [1, 6, 6, 1, 1, 1, 1, 1, 2, 2, 2, 1, 1, 1]
+    array_lengths = [0, 6, 6, 0, 0, 0, 0, 0, 2, 2, 2, 0, 0, 0]
     crc_extra = 140
-    unpacker = struct.Struct("<q6f6ffffBB")
+    unpacker = struct.Struct("<q6f6ffffBB2f2f2BfBf")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int):
+    def __init__(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int, type_nis: Sequence[float] = (0, 0), type_gate: Sequence[float] = (0, 0), type_cause: Sequence[int] = (0, 0), monitor_statistic: float = 0, monitor_kind: int = 0, drag_scale: float = 0):
         MAVLink_message.__init__(self, MAVLink_leonav_innovation_message.id, MAVLink_leonav_innovation_message.msgname)
         self._fieldnames = MAVLink_leonav_innovation_message.fieldnames
         self._instance_field = MAVLink_leonav_innovation_message.instance_field
@@ -1655,9 +1655,15 @@ class MAVLink_leonav_innovation_message(MAVLink_message):
         self.mean_nis = mean_nis
         self.used = used
         self.cause = cause
+        self.type_nis = type_nis
+        self.type_gate = type_gate
+        self.type_cause = type_cause
+        self.monitor_statistic = monitor_statistic
+        self.monitor_kind = monitor_kind
+        self.drag_scale = drag_scale
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.innovation[0], self.innovation[1], self.innovation[2], self.innovation[3], self.innovation[4], self.innovation[5], self.sigma[0], self.sigma[1], self.sigma[2], self.sigma[3], self.sigma[4], self.sigma[5], self.nis, self.gate, self.mean_nis, self.used, self.cause), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.innovation[0], self.innovation[1], self.innovation[2], self.innovation[3], self.innovation[4], self.innovation[5], self.sigma[0], self.sigma[1], self.sigma[2], self.sigma[3], self.sigma[4], self.sigma[5], self.nis, self.gate, self.mean_nis, self.used, self.cause, self.type_nis[0], self.type_nis[1], self.type_gate[0], self.type_gate[1], self.type_cause[0], self.type_cause[1], self.monitor_statistic, self.monitor_kind, self.drag_scale), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -2601,7 +2607,7 @@ class MAVLink(object):
         """
         self.send(self.leonav_integrity_encode(t_gps_ns, bound_m, limit_m, bound_3d_m, fix_age_s, outage_age_s, flag_age_s, alerts, table_crc32, accepted_streak, mode, flag_state, verdict, driver, certificate, stored_da_coverage_pct, da_source), force_mavlink1=force_mavlink1)
 
-    def leonav_innovation_encode(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int) -> MAVLink_leonav_innovation_message:
+    def leonav_innovation_encode(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int, type_nis: Sequence[float] = (0, 0), type_gate: Sequence[float] = (0, 0), type_cause: Sequence[int] = (0, 0), monitor_statistic: float = 0, monitor_kind: int = 0, drag_scale: float = 0) -> MAVLink_leonav_innovation_message:
         """
         The last tested fix against the prediction, used or not.
 
@@ -2613,11 +2619,17 @@ class MAVLink(object):
         mean_nis                  : Running mean of NIS per degree of freedom. (type:float)
         used                      : 1 when the fix changed the state. (type:uint8_t)
         cause                     : Why not, when it did not. (type:uint8_t, values:LEONAV_REJECT_CAUSE)
+        type_nis                  : NIS of the position and of the velocity (3 degrees of freedom each); NaN where not tested. (type:float)
+        type_gate                 : Largest that is accepted of each. (type:float)
+        type_cause                : LEONAV_REJECT_CAUSE of each; 255 used, 254 there was none. (type:uint8_t)
+        monitor_statistic         : Of the monitor of slow faults: chi-square, 3 degrees of freedom. (type:float)
+        monitor_kind              : What it holds most likely: 0 manoeuvre, 1 ramp, 2 step of position, 3 bias of velocity. (type:uint8_t)
+        drag_scale                : Estimated drag by that of the model. (type:float)
 
         """
-        return MAVLink_leonav_innovation_message(t_gps_ns, innovation, sigma, nis, gate, mean_nis, used, cause)
+        return MAVLink_leonav_innovation_message(t_gps_ns, innovation, sigma, nis, gate, mean_nis, used, cause, type_nis, type_gate, type_cause, monitor_statistic, monitor_kind, drag_scale)
 
-    def leonav_innovation_send(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int, force_mavlink1: bool = False) -> None:
+    def leonav_innovation_send(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int, type_nis: Sequence[float] = (0, 0), type_gate: Sequence[float] = (0, 0), type_cause: Sequence[int] = (0, 0), monitor_statistic: float = 0, monitor_kind: int = 0, drag_scale: float = 0, force_mavlink1: bool = False) -> None:
         """
         The last tested fix against the prediction, used or not.
 
@@ -2629,9 +2641,15 @@ class MAVLink(object):
         mean_nis                  : Running mean of NIS per degree of freedom. (type:float)
         used                      : 1 when the fix changed the state. (type:uint8_t)
         cause                     : Why not, when it did not. (type:uint8_t, values:LEONAV_REJECT_CAUSE)
+        type_nis                  : NIS of the position and of the velocity (3 degrees of freedom each); NaN where not tested. (type:float)
+        type_gate                 : Largest that is accepted of each. (type:float)
+        type_cause                : LEONAV_REJECT_CAUSE of each; 255 used, 254 there was none. (type:uint8_t)
+        monitor_statistic         : Of the monitor of slow faults: chi-square, 3 degrees of freedom. (type:float)
+        monitor_kind              : What it holds most likely: 0 manoeuvre, 1 ramp, 2 step of position, 3 bias of velocity. (type:uint8_t)
+        drag_scale                : Estimated drag by that of the model. (type:float)
 
         """
-        self.send(self.leonav_innovation_encode(t_gps_ns, innovation, sigma, nis, gate, mean_nis, used, cause), force_mavlink1=force_mavlink1)
+        self.send(self.leonav_innovation_encode(t_gps_ns, innovation, sigma, nis, gate, mean_nis, used, cause, type_nis, type_gate, type_cause, monitor_statistic, monitor_kind, drag_scale), force_mavlink1=force_mavlink1)
 
     def leonav_counters_encode(self, tick: int, received: int, accepted: int, slips: int, journal_dropped: int, rejected: Sequence[int]) -> MAVLink_leonav_counters_message:
         """

@@ -21,6 +21,8 @@ _SYSTEM_STATUS = {
     int(Mode.AUTONOMOUS): m.MAV_STATE_ACTIVE,
     int(Mode.FAILED): m.MAV_STATE_CRITICAL,
 }
+# places of the upper triangle of a 6x6 matrix, row by row
+_TRIANGLE = tuple(6 * row + column for row in range(6) for column in range(row, 6))
 _GPS = m.MAV_SYS_STATUS_SENSOR_GPS
 _FIX_TYPES = {
     int(FixType.FIX_2D): m.GPS_FIX_TYPE_2D_FIX,
@@ -174,6 +176,20 @@ class Telemetry:
             fix[at["mean_nis"]],
             used,
             cause if cause >= 0 else 0xFF,
+            fix[at["type_nis"] : at["type_nis"] + 2],
+            fix[at["type_gate"] : at["type_gate"] + 2],
+            [int(value) & 0xFF for value in fix[at["type_cause"] : at["type_cause"] + 2]],
+            fix[at["monitor_statistic"]],
+            int(fix[at["monitor_kind"]]) & 0xFF,
+            fix[at["drag_scale"]],
+        )
+
+    def covariance(self, out: tuple[float, ...]) -> None:
+        """LEONAV_COVARIANCE: with it the ground has the NEES of any state it knows the truth of."""
+        at = self._at
+        first = at["covariance"]
+        self._out.mav.leonav_covariance_send(
+            int(out[at["t_gps_ns"]]), [out[first + place] for place in _TRIANGLE], out[at["sigma_time_s"]]
         )
 
     def counters(
