@@ -11,6 +11,7 @@ import numpy as np
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, CheckpointWriter, Resume
 from flightsw.clock import Clock
+from flightsw.icd.certificate import CertificateRefused, check_key, open_certificate
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
 from flightsw.journal import Journal
@@ -57,10 +58,27 @@ def load_resume(path: Path, max_age_s: float, navigation: TableImage) -> Resume:
         raise CheckpointRefused(f"{path}: {error}") from error
 
 
-def load_tables(folder: Path) -> tuple[TableImage, TableImage]:
-    """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason."""
+def load_tables(folder: Path, key: bytes | None = None) -> tuple[TableImage, TableImage]:
+    """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason.
+
+    key: the navigation table must carry a certificate that was signed with it.
+    """
     navigation, orientation = _load(folder, (NAVIGATION_FILE, EARTH_ORIENTATION_FILE))
+    try:
+        open_certificate(navigation, key)
+    except CertificateRefused as error:
+        raise PreflightFailed(f"{folder / NAVIGATION_FILE}: refused: {error}") from error
     return navigation, orientation
+
+
+def load_key(path: Path) -> bytes:
+    """The key of a file; PreflightFailed names the file and the reason."""
+    try:
+        return check_key(path.read_bytes(), str(path))
+    except OSError as error:
+        raise PreflightFailed(f"{path}: cannot be read ({error.strerror})") from error
+    except CertificateRefused as error:
+        raise PreflightFailed(str(error)) from error
 
 
 def load_force_tables(folder: Path, navigation: TableImage) -> ForceTables | None:
