@@ -34,6 +34,7 @@ def _run(options: argparse.Namespace) -> int:
             checkpoints,
             options.resume,
             options.resume_max_age,
+            options.table_key,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -96,6 +97,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--resume-max-age", type=_seconds, default=7200.0, metavar="S", help="an older state is not used (7200)"
+    )
+    run.add_argument(
+        "--table-key", type=Path, metavar="FILE", help="the navigation table must carry a certificate signed with it"
     )
     run.set_defaults(action=_run)
 

@@ -11,6 +11,7 @@ import numpy as np
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, CheckpointWriter, Resume
 from flightsw.clock import Clock
+from flightsw.icd.certificate import CertificateRefused, check_key, open_certificate
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
 from flightsw.journal import Journal
@@ -21,6 +22,7 @@ from flightsw.memory import Memory
 from flightsw.nav.flight_model import FLIGHT
 from flightsw.nav.step import step
 from flightsw.records import NAV
+from flightsw.tables import stimulus
 
 NAVIGATION_FILE = "navigation.tbl"
 EARTH_ORIENTATION_FILE = "earth_orientation.tbl"
@@ -57,10 +59,27 @@ def load_resume(path: Path, max_age_s: float, navigation: TableImage) -> Resume:
         raise CheckpointRefused(f"{path}: {error}") from error
 
 
-def load_tables(folder: Path) -> tuple[TableImage, TableImage]:
-    """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason."""
+def load_tables(folder: Path, key: bytes | None = None) -> tuple[TableImage, TableImage]:
+    """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason.
+
+    key: the navigation table must carry a certificate that was signed with it.
+    """
     navigation, orientation = _load(folder, (NAVIGATION_FILE, EARTH_ORIENTATION_FILE))
+    try:
+        open_certificate(navigation, key)
+    except CertificateRefused as error:
+        raise PreflightFailed(f"{folder / NAVIGATION_FILE}: refused: {error}") from error
     return navigation, orientation
+
+
+def load_key(path: Path) -> bytes:
+    """The key of a file; PreflightFailed names the file and the reason."""
+    try:
+        return check_key(path.read_bytes(), str(path))
+    except OSError as error:
+        raise PreflightFailed(f"{path}: cannot be read ({error.strerror})") from error
+    except CertificateRefused as error:
+        raise PreflightFailed(str(error)) from error
 
 
 def load_force_tables(folder: Path, navigation: TableImage) -> ForceTables | None:
@@ -118,6 +137,7 @@ def build(
     elif int(navigation.values["filter_model"][0]) == FLIGHT:
         raise PreflightFailed(f"set {navigation.set_name} flies the full force model: {FORCES_FILE} is missing")
     _preflight(memory)
+    _replay_stimulus(navigation)
     loop = MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
     loop.resume = resume
     if checkpoints is not None:
@@ -147,3 +167,14 @@ def _preflight(memory: Memory) -> None:
     if memory.output["validity"][0] != 0 or not np.array_equal(before.view(np.uint8), memory.nav.view(np.uint8)):
         raise PreflightFailed("an empty navigation step changed state: the compiled code is not sound")
     memory.reset()
+
+
+def _replay_stimulus(navigation: TableImage) -> None:
+    """What was certified must be what this software computes."""
+    block = open_certificate(navigation, None)
+    if block is None or not block.stimulus:
+        return
+    try:
+        stimulus.check(block.stimulus, navigation.values)
+    except stimulus.StimulusRefused as error:
+        raise PreflightFailed(f"set {navigation.set_name}: refused: {error}") from error

@@ -7,6 +7,8 @@ Everything else (writing logs, reopening a bus) is slack: it runs after the tick
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flightsw.can_port import CanPort
@@ -14,9 +16,11 @@ from flightsw.checkpoint import CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
+from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
+from flightsw.integrity.time_to_flag import look_ahead
 from flightsw.journal import BUS_LOST, BUS_REOPENED, Journal
 from flightsw.link.mavlink_out import MavlinkOut, Sink
 from flightsw.link.telemetry import Telemetry
@@ -52,7 +56,8 @@ class MainLoop:
         self.port = port
         self.journal = journal
         self.memory = memory
-        self.certificate = int(Certificate.UNCERTIFIED)
+        certificate = open_certificate(navigation, None)
+        self.certificate = int(certificate.grade if certificate is not None else Certificate.UNCERTIFIED)
         self.resume: Resume | None = None  # a state of before the restart, until onboard time is known
         self.checkpoints: CheckpointWriter | None = None
         self.counter_start_ns = clock.counter_ns()
@@ -67,11 +72,13 @@ class MainLoop:
         self._fix_input = memory.input
         self._fix_output = np.zeros(1, OUTPUT)
         self._fix_reader = RecordReader(self._fix_output)
+        self._ahead_reader = RecordReader(memory.ahead)
         self._alerts = 0
         self._happened = 0
         self._slipped = False
         table = memory.table[0]
         self.period_ns = int(table["tick_period_ns"])
+        self._ahead_steps = int(table["ahead_steps"])
         self._assembly = EpochAssembly(self.rejected)
         self.receiver = CanReceiver(port, journal, self._assembly, self.rejected)
         self.receiver.drain_limit = int(table["drain_frames_max"])
@@ -94,9 +101,11 @@ class MainLoop:
                 Member("telemetry_status", int(table["rate_status_ticks"]), 200.0, self._telemetry_status),
                 Member("telemetry_counters", int(table["rate_counters_ticks"]), 100.0, self._telemetry_counters),
                 Member("telemetry_table", int(table["rate_table_status_ticks"]), 100.0, self._telemetry_table),
+                Member("time_to_flag", int(table["rate_status_ticks"]), 100.0, self._time_to_flag),
                 Member("mark", 1, 50.0, self._mark),
             ],
             [
+                Member("look_ahead", 1, 2000.0, self._look_ahead),
                 Member("journal", 1, 2000.0, journal.write_slice),
                 Member("bus", 1, 2000.0, port.reopen),
             ],
@@ -177,6 +186,40 @@ class MainLoop:
 
     def _telemetry_table(self) -> None:
         self.telemetry.table_status(self._kind)
+
+    def _time_to_flag(self) -> None:
+        ahead, at = self._ahead_reader.read(), self._ahead_reader.at
+        out, place = self.out, self.out_reader.at
+        t_gps_ns = int(out[place["t_gps_ns"]])
+        left_s = age_s = math.nan
+        if ahead[at["valid"]]:
+            left_s = max(0.0, (ahead[at["t_flag_gps_ns"]] - t_gps_ns) * 1e-9)
+            age_s = (t_gps_ns - ahead[at["t_result_gps_ns"]]) * 1e-9
+            if out[place["outage_age_s"]] == 0.0:
+                left_s += age_s  # what was predicted for a loss then holds for a loss now
+        governing = int(ahead[at["governing"]])
+        lost = 1 if out[place["outage_age_s"]] > 0.0 else 0
+        self.publisher.time_to_flag(self.unix_ns(), t_gps_ns, left_s, age_s, governing, lost)
+        self.telemetry.time_to_flag(t_gps_ns, left_s, age_s, governing, lost)
+
+    # -- in the slack
+
+    def _look_ahead(self) -> None:
+        memory = self.memory
+        look_ahead(
+            memory.nav,
+            memory.table,
+            memory.orientation,
+            memory.forces,
+            memory.field_ahead,
+            memory.work,
+            memory.scratch,
+            memory.ahead,
+            self.counter_ns,
+            self._ahead_steps,
+        )
+
+    # -- last
 
     def _mark(self) -> None:
         mode = int(self.out[self.out_reader.at["mode"]])

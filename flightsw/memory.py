@@ -8,6 +8,7 @@ import numpy as np
 
 from flightsw.kernels.spherical_harmonics import load_field
 from flightsw.records import (
+    AHEAD,
     FIELD,
     FORCE_TABLE,
     FORCE_WORK,
@@ -20,6 +21,8 @@ from flightsw.records import (
     WORK,
 )
 
+_DEGREE_AHEAD = 8
+
 
 class Memory:
     """The records that one navigation function works on, each an array of one.
@@ -27,7 +30,19 @@ class Memory:
     A fresh instance holds no state: nothing is shared between instances.
     """
 
-    __slots__ = ("field", "forces", "input", "nav", "orientation", "output", "scratch", "table", "work")
+    __slots__ = (
+        "ahead",
+        "field",
+        "field_ahead",
+        "forces",
+        "input",
+        "nav",
+        "orientation",
+        "output",
+        "scratch",
+        "table",
+        "work",
+    )
 
     def __init__(self) -> None:
         self.nav = np.zeros(1, NAV)
@@ -39,13 +54,15 @@ class Memory:
         self.forces = np.zeros(1, FORCE_TABLE)
         self.field = np.zeros(1, FIELD)
         self.scratch = np.zeros(1, FORCE_WORK)
-        for image in (self.table, self.orientation, self.forces, self.field):
+        self.ahead = np.zeros(1, AHEAD)
+        self.field_ahead = np.zeros(1, FIELD)  # gravity of low degree, for predictions
+        for image in (self.table, self.orientation, self.forces, self.field, self.field_ahead):
             image.flags.writeable = False
         self.reset()
 
     def reset(self) -> None:
         """Forget all state, as after power-up; tables stay."""
-        for record in (self.nav, self.input, self.output, self.work, self.scratch):
+        for record in (self.nav, self.input, self.output, self.work, self.scratch, self.ahead):
             record.view(np.uint8)[:] = 0
         self.nav["pole"][0, 2] = 1.0
         self.nav["flag_age_s"] = math.nan
@@ -65,9 +82,13 @@ class Memory:
         source.flags.writeable = False
         _fill(source, gravity_field)
         _fill(self.forces, forces)
-        self.field.flags.writeable = True
-        loaded = load_field(source, self.forces, self.field)
-        self.field.flags.writeable = False
+        loaded = _make_field(source, self.forces, self.field)
+        low = np.zeros(1, FORCE_TABLE)
+        low[:] = self.forces
+        low["degree"] = low["order"] = min(_DEGREE_AHEAD, int(self.forces["order"][0]))
+        low["gradient_degree"] = 2
+        low.flags.writeable = False
+        loaded = _make_field(source, low, self.field_ahead) and loaded
         if not loaded:
             asked, given = int(self.forces["degree"][0]), int(source["degree"][0])
             raise ValueError(f"forces of degree {asked} on a gravity field of degree {given}")
@@ -75,7 +96,14 @@ class Memory:
     def share_tables(self, other: Memory) -> None:
         """Fly the tables of another memory: its images, not copies of them."""
         self.table, self.orientation = other.table, other.orientation
-        self.forces, self.field = other.forces, other.field
+        self.forces, self.field, self.field_ahead = other.forces, other.field, other.field_ahead
+
+
+def _make_field(source: np.ndarray, forces: np.ndarray, field: np.ndarray) -> bool:
+    field.flags.writeable = True
+    loaded = load_field(source, forces, field)
+    field.flags.writeable = False
+    return bool(loaded)
 
 
 def _fill(image: np.ndarray, payload: np.ndarray) -> None:

@@ -111,12 +111,14 @@ def run(
     checkpoints: app.Checkpoints | None = None,
     resume: Path | None = None,
     resume_max_age_s: float = 0.0,
+    table_key: Path | None = None,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
+    table_key: file of the key that must have signed the navigation table.
     """
-    navigation, orientation = app.load_tables(tables)
+    navigation, orientation = app.load_tables(tables, app.load_key(table_key) if table_key else None)
     forces = app.load_force_tables(tables, navigation)
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")

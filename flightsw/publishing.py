@@ -7,7 +7,7 @@ from typing import Any
 
 from flightsw.can_port import CanPort
 from flightsw.icd import can_codec
-from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
+from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE, TIME_TO_FLAG
 from flightsw.icd.frame_layout import FrameLayout
 from flightsw.journal import Journal
 from flightsw.records_io import RecordReader
@@ -29,13 +29,14 @@ class _Outbox:
 class Publisher:
     """Fills, seals, journals and sends flight's frames."""
 
-    __slots__ = ("_at", "_heartbeat", "_integrity", "_journal", "_nav_state", "_port")
+    __slots__ = ("_at", "_heartbeat", "_integrity", "_journal", "_nav_state", "_port", "_time_to_flag")
 
     def __init__(self, port: CanPort, journal: Journal, reader: RecordReader) -> None:
         self._port = port
         self._journal = journal
         self._nav_state = _Outbox(NAV_STATE)
         self._integrity = _Outbox(INTEGRITY)
+        self._time_to_flag = _Outbox(TIME_TO_FLAG)
         self._heartbeat = _Outbox(FLIGHT_HEARTBEAT)
         self._at = reader.at
 
@@ -75,6 +76,10 @@ class Publisher:
             alerts,
             certificate,
         )
+
+    def time_to_flag(self, unix_ns: int, t_gps_ns: int, left_s: float, age_s: float, governing: int, lost: int) -> None:
+        """TIME_TO_FLAG."""
+        self._send(self._time_to_flag, unix_ns, t_gps_ns, left_s, age_s, governing, lost)
 
     def heartbeat(self, unix_ns: int, tick: int, counter_ns: int, slips: int, rejected: int, mode: int) -> None:
         """FLIGHT_HEARTBEAT: the last frame of a tick, and the journal's mark of it."""

@@ -319,6 +319,25 @@ WORK = np.dtype(
     align=True,
 )
 
+# A prediction of the bound without fixes, and the result of the last one (integrity/time_to_flag.py).
+AHEAD = np.dtype(
+    [
+        ("running", "i8"),
+        ("started_gps_ns", "i8"),
+        ("t_gps_ns", "i8"),  # how far it has got
+        ("x", "f8", (STATES,)),
+        ("UD", "f8", (STATES, STATES)),
+        ("P", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("drag_mps2", "f8", (3,)),
+        ("bound_m", "f8"),
+        ("valid", "i8"),
+        ("t_flag_gps_ns", "i8"),  # when the flag would rise, or how far could be seen
+        ("t_result_gps_ns", "i8"),  # when that was so
+        ("governing", "i8"),  # Governing
+    ],
+    align=True,
+)
+
 # The gravity field as the kernels sum it, made from its table once (kernels/spherical_harmonics.py): [n, m] throughout.
 # The acceleration is a series of one degree more than the potential, the gradient of two. Sums run over HARMONIC_GROUP
 # degrees and whole blocks of orders at a time: there are rows and columns, of zeros, for that; 144 columns, not 128,

@@ -597,6 +597,59 @@ FLIGHT_HEARTBEAT = FrameLayout(
     crc_offset=30,
 )
 
+TIME_TO_FLAG = FrameLayout(
+    name="TIME_TO_FLAG",
+    frame_id=0x203,
+    length=32,
+    data_id=0xC88D,
+    data_id_bytes=bytes((0x8D, 0xC8)),
+    sender="FLIGHT",
+    struct_format="<qffBB11xBH",
+    field_names=(
+        "t_gps_ns",
+        "time_to_flag_s",
+        "prediction_age_s",
+        "governing",
+        "in_outage",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "time_to_flag_s",
+                "prediction_age_s",
+                "governing",
+                "in_outage",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f4",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # time_to_flag_s [s]
+                12,  # prediction_age_s [s]
+                16,  # governing [-]
+                17,  # in_outage [-]
+                29,  # counter [-]
+                30,  # crc [-]
+            ],
+            "itemsize": 32,
+        }
+    ),
+    counter_offset=29,
+    crc_offset=30,
+)
+
 LAYOUTS: dict[int, FrameLayout] = {
     TIME_SYNC.frame_id: TIME_SYNC,
     GNSS_POSITION.frame_id: GNSS_POSITION,
@@ -607,4 +660,5 @@ LAYOUTS: dict[int, FrameLayout] = {
     NAV_STATE.frame_id: NAV_STATE,
     INTEGRITY.frame_id: INTEGRITY,
     FLIGHT_HEARTBEAT.frame_id: FLIGHT_HEARTBEAT,
+    TIME_TO_FLAG.frame_id: TIME_TO_FLAG,
 }

@@ -122,6 +122,17 @@ class FaultKind(IntEnum):
     VELOCITY_BIAS = 3
 
 
+class Governing(IntEnum):
+    """What ends the time in which the state may be trusted without GNSS (DBC signal `governing`)."""
+
+    NOT_READY = 0  # nothing to predict from yet
+    BOUND = 1  # the bound crosses the limit
+    CERTIFIED_AGE = 2  # nothing is proven beyond it
+    EARTH_ORIENTATION = 3  # the table of Earth orientation ends
+    HORIZON = 4  # none of these as far as was looked
+    FLAG = 5  # the flag is up
+
+
 class RejectCause(IntEnum):
     """Why a frame, a pulse or a fix did not change the state; index into the 32 counters of telemetry."""
 

@@ -1078,6 +1078,24 @@ enums["LEONAV_CERTIFICATE"][2] = EnumEntry("LEONAV_CERTIFICATE_FULL", """""")
 LEONAV_CERTIFICATE_ENUM_END = 3
 enums["LEONAV_CERTIFICATE"][3] = EnumEntry("LEONAV_CERTIFICATE_ENUM_END", """""")
 
+# LEONAV_GOVERNING
+enums["LEONAV_GOVERNING"] = Enum()
+enums["LEONAV_GOVERNING"].bitmask = False
+LEONAV_GOVERNING_NOT_READY = 0
+enums["LEONAV_GOVERNING"][0] = EnumEntry("LEONAV_GOVERNING_NOT_READY", """""")
+LEONAV_GOVERNING_BOUND = 1
+enums["LEONAV_GOVERNING"][1] = EnumEntry("LEONAV_GOVERNING_BOUND", """""")
+LEONAV_GOVERNING_CERTIFIED_AGE = 2
+enums["LEONAV_GOVERNING"][2] = EnumEntry("LEONAV_GOVERNING_CERTIFIED_AGE", """""")
+LEONAV_GOVERNING_EARTH_ORIENTATION = 3
+enums["LEONAV_GOVERNING"][3] = EnumEntry("LEONAV_GOVERNING_EARTH_ORIENTATION", """""")
+LEONAV_GOVERNING_HORIZON = 4
+enums["LEONAV_GOVERNING"][4] = EnumEntry("LEONAV_GOVERNING_HORIZON", """""")
+LEONAV_GOVERNING_FLAG = 5
+enums["LEONAV_GOVERNING"][5] = EnumEntry("LEONAV_GOVERNING_FLAG", """""")
+LEONAV_GOVERNING_ENUM_END = 6
+enums["LEONAV_GOVERNING"][6] = EnumEntry("LEONAV_GOVERNING_ENUM_END", """""")
+
 # LEONAV_REJECT_CAUSE
 enums["LEONAV_REJECT_CAUSE"] = Enum()
 enums["LEONAV_REJECT_CAUSE"].bitmask = False
@@ -1210,6 +1228,7 @@ MAVLINK_MSG_ID_LEONAV_COUNTERS = 61403
 MAVLINK_MSG_ID_LEONAV_TABLE_STATUS = 61404
 MAVLINK_MSG_ID_LEONAV_ALERT = 61405
 MAVLINK_MSG_ID_LEONAV_COVARIANCE = 61406
+MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG = 61407
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -1841,6 +1860,49 @@ class MAVLink_leonav_covariance_message(MAVLink_message):
 setattr(MAVLink_leonav_covariance_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_time_to_flag_message(MAVLink_message):
+    """
+    How long the state may still be trusted without GNSS; with fixes:
+    if GNSS were lost now.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG
+    msgname = "LEONAV_TIME_TO_FLAG"
+    fieldnames = ["t_gps_ns", "time_to_flag_s", "prediction_age_s", "governing", "in_outage"]
+    ordered_fieldnames = ["t_gps_ns", "time_to_flag_s", "prediction_age_s", "governing", "in_outage"]
+    fieldtypes = ["int64_t", "float", "float", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"governing": "LEONAV_GOVERNING"}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "time_to_flag_s": "s", "prediction_age_s": "s"}
+    native_format = bytearray(b"<qffBB")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 56
+    unpacker = struct.Struct("<qffBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, time_to_flag_s: float, prediction_age_s: float, governing: int, in_outage: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_time_to_flag_message.id, MAVLink_leonav_time_to_flag_message.msgname)
+        self._fieldnames = MAVLink_leonav_time_to_flag_message.fieldnames
+        self._instance_field = MAVLink_leonav_time_to_flag_message.instance_field
+        self._instance_offset = MAVLink_leonav_time_to_flag_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.time_to_flag_s = time_to_flag_s
+        self.prediction_age_s = prediction_age_s
+        self.governing = governing
+        self.in_outage = in_outage
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.time_to_flag_s, self.prediction_age_s, self.governing, self.in_outage), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_time_to_flag_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -1855,6 +1917,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_TABLE_STATUS: MAVLink_leonav_table_status_message,
     MAVLINK_MSG_ID_LEONAV_ALERT: MAVLink_leonav_alert_message,
     MAVLINK_MSG_ID_LEONAV_COVARIANCE: MAVLink_leonav_covariance_message,
+    MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG: MAVLink_leonav_time_to_flag_message,
 }
 
 
@@ -2756,3 +2819,31 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_covariance_encode(t_gps_ns, covariance, sigma_time_s), force_mavlink1=force_mavlink1)
+
+    def leonav_time_to_flag_encode(self, t_gps_ns: int, time_to_flag_s: float, prediction_age_s: float, governing: int, in_outage: int) -> MAVLink_leonav_time_to_flag_message:
+        """
+        How long the state may still be trusted without GNSS; with fixes: if
+        GNSS were lost now.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        time_to_flag_s            : Until the flag rises; NaN while there is no prediction; at least that where governing is HORIZON. [s] (type:float)
+        prediction_age_s          : Age of the prediction. [s] (type:float)
+        governing                 : What ends that time. (type:uint8_t, values:LEONAV_GOVERNING)
+        in_outage                 : 1 in an outage, 0 while fixes come. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_time_to_flag_message(t_gps_ns, time_to_flag_s, prediction_age_s, governing, in_outage)
+
+    def leonav_time_to_flag_send(self, t_gps_ns: int, time_to_flag_s: float, prediction_age_s: float, governing: int, in_outage: int, force_mavlink1: bool = False) -> None:
+        """
+        How long the state may still be trusted without GNSS; with fixes: if
+        GNSS were lost now.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        time_to_flag_s            : Until the flag rises; NaN while there is no prediction; at least that where governing is HORIZON. [s] (type:float)
+        prediction_age_s          : Age of the prediction. [s] (type:float)
+        governing                 : What ends that time. (type:uint8_t, values:LEONAV_GOVERNING)
+        in_outage                 : 1 in an outage, 0 while fixes come. (type:uint8_t)
+
+        """
+        self.send(self.leonav_time_to_flag_encode(t_gps_ns, time_to_flag_s, prediction_age_s, governing, in_outage), force_mavlink1=force_mavlink1)

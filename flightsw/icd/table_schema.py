@@ -200,6 +200,15 @@ NAVIGATION = Schema(
             _real("overdue_s", "s", 0.0, 3600.0, 1.5, "fix age beyond which the bound follows (17)"),
         ),
         *_group(
+            "time_to_flag",
+            _whole(
+                "ahead_step_ns", "ns", 1_000_000_000, 60_000_000_000, 10_000_000_000, "step; paper's filter: nav_step"
+            ),
+            _whole("ahead_steps", "count", 1, 10000, 30, "steps of the prediction in one tick"),
+            _real("ahead_refresh_s", "s", 0.0, 3600.0, 25.0, "a prediction is made anew when it is older; 0: none"),
+            _real("ahead_horizon_s", "s", 60.0, 1e6, 100000.0, "outage age beyond which it does not look"),
+        ),
+        *_group(
             "modes",
             _real("autonomous_after_s", "s", 0.1, 3600.0, 3.0, "fix age at which the mode becomes AUTONOMOUS"),
             _whole(

@@ -192,6 +192,10 @@ class Telemetry:
             int(out[at["t_gps_ns"]]), [out[first + place] for place in _TRIANGLE], out[at["sigma_time_s"]]
         )
 
+    def time_to_flag(self, t_gps_ns: int, left_s: float, age_s: float, governing: int, lost: int) -> None:
+        """LEONAV_TIME_TO_FLAG."""
+        self._out.mav.leonav_time_to_flag_send(t_gps_ns, left_s, age_s, governing, lost)
+
     def counters(
         self, tick: int, received: int, accepted: int, slips: int, journal_dropped: int, rejected: list[int]
     ) -> None:

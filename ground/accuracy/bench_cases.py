@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ground.errors import OperatorError, did_you_mean
+from ground.tables.build import list_sets
 from ground.tables.gps_time import NS_PER_S
 from hil_sim.truth.orbit_files.read import read_orbit
 from hil_sim.truth.real_orbit import DataError, evenly_spaced
@@ -269,10 +270,17 @@ def cases_of(
     degree: int | None = None,
     quick: bool = False,
 ) -> list[Case]:
-    """Every orbit with every profile, orbits first."""
+    """Every orbit with every profile, orbits first; the set that flies is that of `set_of`."""
     found = []
     for orbit in orbits:
         plan = Plan.of(orbit.span_s)
         plan = plan.quick() if quick else plan
-        found += [Case(orbit, profile, plan, table_set, tuple(settings), gravity, degree) for profile in profiles]
+        for profile in profiles:
+            found.append(Case(orbit, profile, plan, set_of(table_set, profile), tuple(settings), gravity, degree))
     return found
+
+
+def set_of(table_set: str, profile: str) -> str:
+    """The table set that flies with a profile: the one made for receivers of this kind, where such a one ships."""
+    made_for_it = f"{table_set}_{profile}"
+    return made_for_it if made_for_it in list_sets() else table_set

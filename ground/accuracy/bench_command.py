@@ -35,7 +35,12 @@ def add_bench(actions: Any) -> None:
         "--profiles", metavar="LIST", help=f"of fixes, with commas (default {USUAL_PROFILES}; with --quick white)"
     )
     bench.add_argument("--oscillator", action="store_true", help="white fixes also with a perfect clock, to compare")
-    bench.add_argument("--set-name", default="flight", metavar="SET", help="table set that flies (default flight)")
+    bench.add_argument(
+        "--set-name",
+        default="flight",
+        metavar="SET",
+        help="table set that flies; where a set SET_PROFILE ships, with that profile (default flight)",
+    )
     bench.add_argument(
         "--set", dest="settings", metavar="KEY=VALUE", action="append", default=[],
         help="override a key of the scenario, for example flight.table.k_axis=3; may be repeated",

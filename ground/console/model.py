@@ -101,6 +101,16 @@ class Innovation(NamedTuple):
     cause: int
 
 
+class TimeToFlag(NamedTuple):
+    """LEONAV_TIME_TO_FLAG: how long the state may still be trusted without GNSS."""
+
+    t_gps_ns: int
+    time_to_flag_s: float
+    prediction_age_s: float
+    governing: int
+    in_outage: int
+
+
 class Table(NamedTuple):
     """LEONAV_TABLE_STATUS of the navigation table."""
 
@@ -124,6 +134,8 @@ class State:
     counters_s: float | None = None
     innovation: Innovation | None = None
     innovation_s: float | None = None
+    time_to_flag: TimeToFlag | None = None
+    time_to_flag_s: float | None = None
     table: Table | None = None
     satellites: int | None = None
     satellites_s: float | None = None
@@ -217,6 +229,11 @@ def _innovation(state: State, message: Any, now_s: float) -> State:
     return replace(state, innovation=innovation, innovation_s=now_s)
 
 
+def _time_to_flag(state: State, message: Any, now_s: float) -> State:
+    told = TimeToFlag(*(getattr(message, name) for name in TimeToFlag._fields))
+    return replace(state, time_to_flag=told, time_to_flag_s=now_s)
+
+
 def _table(state: State, message: Any, now_s: float) -> State:
     if message.kind != NAVIGATION_TABLE:
         return state
@@ -294,6 +311,7 @@ _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "LEONAV_NAV_STATE": _nav,
     "LEONAV_COUNTERS": _counters,
     "LEONAV_INNOVATION": _innovation,
+    "LEONAV_TIME_TO_FLAG": _time_to_flag,
     "LEONAV_TABLE_STATUS": _table,
     "LEONAV_ALERT": _alert,
     "GPS_RAW_INT": _gps,

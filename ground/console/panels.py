@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from rich.text import Text
 
 from flightsw.icd.alerts import Severity
-from flightsw.icd.enums import DaSource, FlagState
+from flightsw.icd.enums import DaSource, FlagState, Governing
 from ground.console.link import Link, Statistics
-from ground.console.model import Event, State, active_alerts, age_s, cause_name
+from ground.console.model import Event, State, TimeToFlag, active_alerts, age_s, cause_name
 from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
@@ -110,6 +110,8 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
         yield "flag", _flag(i.flag_state, i.flag_age_s), heard_s
         yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
         yield "streak", f"{i.accepted_streak} fixes accepted", heard_s
+    t = state.time_to_flag
+    yield "time left", "" if t is None else time_left(t), state.time_to_flag_s
     n = state.innovation
     words = "" if n is None else f"{_plain(n.nis)} of {_plain(n.gate)}, mean {_plain(n.mean_nis)}"
     if n is not None and not n.used:
@@ -127,6 +129,19 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     crc = "" if i is None else f"{name[:12]} {i.table_crc32:08x}"
     yield "table", crc, heard_s
     yield "heartbeat", seconds(0.0) if state.heartbeat_s is None else "beating", state.heartbeat_s
+
+
+def time_left(told: TimeToFlag) -> str:
+    """How long until the flag, what governs it, and how old the prediction is."""
+    if told.governing == Governing.FLAG:
+        return "none: the flag is up"
+    if told.governing == Governing.NOT_READY or not math.isfinite(told.time_to_flag_s):
+        return "not predicted yet"
+    known = told.governing in Governing._value2member_map_
+    governs = Governing(told.governing).name.lower().replace("_", " ") if known else f"cause {told.governing}"
+    least = "> " if told.governing == Governing.HORIZON else ""
+    when = "" if told.in_outage else " if GNSS were lost now"
+    return f"{least}{seconds(told.time_to_flag_s)}{when} ({governs}, {seconds(told.prediction_age_s)} old)"
 
 
 def _flag(flag_state: int, flag_age_s: float) -> str:

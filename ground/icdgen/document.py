@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flightsw.icd.alerts import ALERTS
+from flightsw.icd.certificate import CERTIFICATE
 from flightsw.icd.enums import RejectCause, Validity
 from flightsw.icd.table_schema import SCHEMAS, Field, Schema
 from ground.icdgen.dialect import Enum, Message, read_dialect
@@ -67,6 +68,26 @@ Little-endian, no padding, nothing may follow the CRC. Flight refuses a file unl
 | 76+P+C ... | u32 | CRC-32 (zlib) of everything before it |
 """
 
+_CERTIFICATE_BLOCK = f"""\
+## Certificate block
+
+What stands in a table file under `certificate`: little-endian, no padding, nothing may follow. Without any bytes the
+table is uncertified. Flight refuses a table whose certificate is damaged or that of another table.
+
+| bytes | type | content |
+|---|---|---|
+| 0-7 | char[8] | magic `LNAVCRT1` |
+| 8-9 | u16 | format, 1 |
+| 10-11 | u16 | zero |
+| 12-19 | u64 | schema hash, `{CERTIFICATE.hash:016x}` |
+| 20-23 | u32 | stimulus length S |
+| 24-27 | u32 | record length, {CERTIFICATE.dtype.itemsize} |
+| 28 ... | {CERTIFICATE.dtype.itemsize} bytes | record: the fields below in order, packed |
+| ... | S bytes | stimulus: inputs of the navigation step and what it answered |
+| ... | 32 bytes | HMAC-SHA256 of the whole table file before it; zero: unsigned |
+
+"""
+
 
 def render_document(dbc: Path, xml: Path) -> str:
     """Text of docs/icd.md."""
@@ -76,6 +97,7 @@ def render_document(dbc: Path, xml: Path) -> str:
     parts += [_frame(frame) for frame in bus.frames]
     parts += [_bus_values(bus), _alerts(), _mavlink(messages, enums), _TABLE_FILE]
     parts += [_schema(schema) for schema in SCHEMAS.values()]
+    parts += [_CERTIFICATE_BLOCK + _fields(CERTIFICATE)]
     return "\n".join(parts)
 
 
@@ -180,7 +202,11 @@ def _schema(schema: Schema) -> str:
         f"## Table kind {schema.number}: {schema.name}\n\n"
         f"Payload {schema.dtype.itemsize} bytes, schema hash `{schema.hash:016x}`.\n\n"
     )
-    return text + _table(
+    return text + _fields(schema)
+
+
+def _fields(schema: Schema) -> str:
+    return _table(
         ("byte", "field", "type", "unit", "range", "default", "section", "why"),
         (_schema_row(schema.dtype, field) for field in schema.fields),
     )

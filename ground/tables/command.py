@@ -1,4 +1,4 @@
-"""`ground table`: build, show and list binary tables."""
+"""`ground table`: build, show, compare, sign, verify and list binary tables."""
 
 from __future__ import annotations
 
@@ -51,6 +51,28 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
     show = actions.add_parser("show", help="print a binary table")
     show.add_argument("file", metavar="FILE")
 
+    diff = actions.add_parser("diff", help="what differs between two binary tables; exit status 1 where something does")
+    diff.add_argument("file", metavar="FILE")
+    diff.add_argument("other", metavar="OTHER")
+
+    sign = actions.add_parser("sign", help="attach a certificate to a table, and sign it with a key")
+    sign.add_argument("file", metavar="TABLE")
+    sign.add_argument(
+        "--certificate", metavar="JSON", required=True, help="certificate.json that `ground certify` left"
+    )
+    sign.add_argument(
+        "--stimulus", metavar="FILE", help="of `ground stimulus`; default: the one that the table carries"
+    )
+    sign.add_argument("--key", metavar="FILE", help="key of the HMAC-SHA256; not signed without")
+    sign.add_argument("--out", metavar="FILE", help="table to write; default: in place of TABLE")
+
+    verify = actions.add_parser("verify", help="check a table as flight does; exit status 1 for an uncertified one")
+    verify.add_argument("file", metavar="TABLE")
+    verify.add_argument("--key", metavar="FILE", help="key that must have signed it; the HMAC is not checked without")
+
+    key = actions.add_parser("key", help="make a random key for `sign` and `verify`")
+    key.add_argument("file", metavar="FILE")
+
     actions.add_parser("sets", help="list the sets that ship")
 
 
@@ -69,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
 
         print(render(read_table(args.file)))
         return 0
+    if args.action in _CERTIFICATES:
+        return _CERTIFICATES[args.action](args)
     from ground.tables.build import list_sets
 
     for name, description in list_sets().items():
@@ -90,6 +114,57 @@ def _build_forces(args: argparse.Namespace) -> int:
     day = parse_day(args.day) if args.day else None
     valid_days = VALID_DAYS if args.valid_days is None else args.valid_days
     return _write(Path(args.out), build_forces(settings, args.name, day, valid_days, args.space_weather))
+
+
+def _diff(args: argparse.Namespace) -> int:
+    from ground.tables.show import read_table
+    from ground.tables.sign import describe, differences
+
+    one, other = read_table(args.file), read_table(args.other)
+    found = differences(one, other)
+    print(f"{args.file}: {describe(one)}\n{args.other}: {describe(other)}")
+    print("\n".join(found) or "no difference")
+    return 1 if found else 0
+
+
+def _sign(args: argparse.Namespace) -> int:
+    from ground.tables.show import read_table
+    from ground.tables.sign import read_key, sign
+
+    key = read_key(Path(args.key)) if args.key else None
+    stimulus = _read(Path(args.stimulus)) if args.stimulus else b""
+    image = sign(read_table(args.file), Path(args.certificate), stimulus, key)
+    return _write(Path(args.out or args.file), image)
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from ground.tables.show import read_table
+    from ground.tables.sign import describe, read_key, render_certificate, verify
+
+    table = read_table(args.file)
+    block = verify(table, read_key(Path(args.key)) if args.key else None, args.file)
+    print(describe(table))
+    print("\n".join(render_certificate(block)))
+    print("HMAC         right" if args.key else "HMAC         not checked: no --key")
+    return 0 if block is not None and block.grade else 1
+
+
+def _key(args: argparse.Namespace) -> int:
+    from ground.tables.sign import make_key
+
+    make_key(Path(args.file))
+    print(f"{args.file}: a new key; keep it secret, and give it to flight with --table-key")
+    return 0
+
+
+_CERTIFICATES = {"diff": _diff, "sign": _sign, "verify": _verify, "key": _key}
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def _write(out: Path, image: bytes) -> int:

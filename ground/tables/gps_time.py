@@ -7,6 +7,8 @@ from datetime import UTC, date, datetime, timedelta
 NS_PER_S = 1_000_000_000
 NS_PER_DAY = 86_400 * NS_PER_S
 GPS_EPOCH_MJD = 44244
+GPS_EPOCH_UNIX_NS = 315_964_800 * NS_PER_S
+GPS_MINUS_UTC_NS = 18 * NS_PER_S  # since 2017-01-01; of the time of day of an operator's machine, no more is asked
 
 # The calendar is used as a count of days only: the zone says nothing about leap seconds here.
 _EPOCH = datetime(1980, 1, 6, tzinfo=UTC)

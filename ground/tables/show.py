@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from flightsw.icd.certificate import CertificateRefused, open_certificate
 from flightsw.icd.table_file import TableImage, TableRefused, decode
 from flightsw.icd.table_schema import EARTH_ORIENTATION, GRAVITY_FIELD, SCHEMAS, Field
 from ground.errors import OperatorError
 from ground.tables.build import choices
 from ground.tables.gps_time import format_gps
+from ground.tables.sign import render_certificate
 
 _EARTH_COLUMNS = ("X [rad]", "Y [rad]", "s [rad]", "xp [rad]", "yp [rad]", "UT1-GPS [s]")
 
@@ -33,11 +35,18 @@ def render(table: TableImage) -> str:
         f"CRC-32       {table.crc32:08x}",
         f"schema       {SCHEMAS[table.kind].hash:016x}",
         f"valid        {_validity(table)}",
-        f"certificate  {f'{len(table.certificate)} bytes' if table.certificate else 'none: uncertified'}",
     ]
+    lines += _certificate(table)
     special = {EARTH_ORIENTATION.name: _render_earth_orientation, GRAVITY_FIELD.name: _render_gravity_field}
     lines += special.get(table.kind, _render_fields)(table)
     return "\n".join(lines)
+
+
+def _certificate(table: TableImage) -> list[str]:
+    try:
+        return render_certificate(open_certificate(table, None))
+    except CertificateRefused as error:
+        return [f"certificate  REFUSED: {error}"]
 
 
 def _validity(table: TableImage) -> str:

@@ -11,7 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from flightsw.icd import mavlink
-from flightsw.icd.enums import REJECT_CAUSES, Certificate, DaSource, FlagState, Mode, RejectCause, Validity, Verdict
+from flightsw.icd.enums import (
+    REJECT_CAUSES,
+    Certificate,
+    DaSource,
+    FlagState,
+    Governing,
+    Mode,
+    RejectCause,
+    Validity,
+    Verdict,
+)
 
 START_UNIX_S = 1_230_768_000
 START_GPS_NS = 914_803_215 * 10**9
@@ -107,6 +117,9 @@ def second(t_s: int) -> Iterator[Any]:
     if age_s == 0:
         yield mavlink.MAVLink_leonav_innovation_message(t_gps_ns, [0.3] * 6, [1.0] * 6, 5.1, 22.46, 5.9, 1, 0xFF)
         yield mavlink.MAVLink_gps_raw_int_message(t_s * 10**6, 3, 0, 0, 0, 120, 150, 65535, 65535, 11)
+    left_s = max(0.0, FLAG_AGE_S - age_s)
+    governing = Governing.NOT_READY if starting else Governing.FLAG if raised else Governing.BOUND
+    yield mavlink.MAVLink_leonav_time_to_flag_message(t_gps_ns, left_s, 12.0, governing, 1 if age_s else 0)
     if t_s % 5 == 0:
         rejected = [0] * REJECT_CAUSES
         rejected[RejectCause.BAD_CRC], rejected[RejectCause.GATE] = t_s // 100, t_s // 400

@@ -119,3 +119,10 @@ def test_cases_are_every_orbit_with_every_profile() -> None:
     ]
     assert all(re.fullmatch(r"[a-z0-9_]+-[a-z_]+", one.name) for one in some)
     assert {one.plan.begins_s for one in some} == {(0, 1000, 2000)}
+
+
+def test_a_profile_flies_the_set_made_for_it() -> None:
+    """GIVEN receivers with lasting errors have a set of their own WHEN cases are made THEN it flies with them alone."""
+    some = cases_of([ORBITS["simulated"]], ("white", "coloured"), "flight")
+    assert [one.table_set for one in some] == ["flight", "flight_coloured"]
+    assert [one.table_set for one in cases_of([ORBITS["simulated"]], ("coloured",), "j2")] == ["j2"]
