@@ -22,6 +22,7 @@ from flightsw.memory import Memory
 from flightsw.nav.flight_model import FLIGHT
 from flightsw.nav.step import step
 from flightsw.records import NAV
+from flightsw.tables import stimulus
 
 NAVIGATION_FILE = "navigation.tbl"
 EARTH_ORIENTATION_FILE = "earth_orientation.tbl"
@@ -136,6 +137,7 @@ def build(
     elif int(navigation.values["filter_model"][0]) == FLIGHT:
         raise PreflightFailed(f"set {navigation.set_name} flies the full force model: {FORCES_FILE} is missing")
     _preflight(memory)
+    _replay_stimulus(navigation)
     loop = MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
     loop.resume = resume
     if checkpoints is not None:
@@ -165,3 +167,14 @@ def _preflight(memory: Memory) -> None:
     if memory.output["validity"][0] != 0 or not np.array_equal(before.view(np.uint8), memory.nav.view(np.uint8)):
         raise PreflightFailed("an empty navigation step changed state: the compiled code is not sound")
     memory.reset()
+
+
+def _replay_stimulus(navigation: TableImage) -> None:
+    """What was certified must be what this software computes."""
+    block = open_certificate(navigation, None)
+    if block is None or not block.stimulus:
+        return
+    try:
+        stimulus.check(block.stimulus, navigation.values)
+    except stimulus.StimulusRefused as error:
+        raise PreflightFailed(f"set {navigation.set_name}: refused: {error}") from error

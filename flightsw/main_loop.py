@@ -16,6 +16,7 @@ from flightsw.checkpoint import CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
+from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
@@ -55,7 +56,8 @@ class MainLoop:
         self.port = port
         self.journal = journal
         self.memory = memory
-        self.certificate = int(Certificate.UNCERTIFIED)
+        certificate = open_certificate(navigation, None)
+        self.certificate = int(certificate.grade if certificate is not None else Certificate.UNCERTIFIED)
         self.resume: Resume | None = None  # a state of before the restart, until onboard time is known
         self.checkpoints: CheckpointWriter | None = None
         self.counter_start_ns = clock.counter_ns()

@@ -21,6 +21,7 @@ from ground.errors import OperatorError, did_you_mean
 # name -> (module, line in --help)
 ROOMS: dict[str, tuple[str, str]] = {
     "table": ("ground.tables.command", "build and show the binary tables that flight loads"),
+    "stimulus": ("ground.campaign.stimulus_command", "make what flight replays before it trusts a certified table"),
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),

@@ -27,7 +27,8 @@ from ground.tables.earth_orientation import build_earth_orientation
 from hil_sim import scenario
 from hil_sim.errors import SimulationError
 from hil_sim.evaluation import evaluate
-from hil_sim.world import World, earth_orientation_file
+from hil_sim.truth.interface import TrackTruth
+from hil_sim.world import World, build_truth, earth_orientation_file
 
 NS = 1_000_000_000
 HOUR_NS = 3600 * NS
@@ -89,6 +90,15 @@ def prepare(name: str, settings: Iterable[str] = (), tick_period_ns: int = TICK_
     stop_gps_ns = int(world.t_true_gps_ns[-1])
     orientation = _orientation(world.t_start_gps_ns - HOUR_NS, stop_gps_ns + HOUR_NS, finals)
     return Prepared(world, flown.step_inputs(world), orientation)
+
+
+def true_motion(name: str, settings: Iterable[str] = ()) -> tuple[TrackTruth, int]:
+    """The true motion of a scenario, without sensors or frames, and when the scenario starts [GPS ns]."""
+    loaded = load(name, settings)
+    try:
+        return build_truth(loaded), loaded.t_start_gps_ns
+    except SimulationError as error:
+        raise OperatorError(str(error)) from error
 
 
 @lru_cache(maxsize=8)
