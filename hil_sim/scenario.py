@@ -101,6 +101,18 @@ def load(name_or_path: str, overrides: Iterable[str] = ()) -> LoadedScenario:
         key = _override(tree, text)
         by_override = {k for k, source in origin.items() if source == "--set"} | set(_leaves(_get(tree, key), key))
         origin = {leaf: "--set" if leaf in by_override else "file" for leaf in _leaves(tree)}
+    return _validated(tree, path, origin)
+
+
+def from_tree(tree: dict[str, Any], where: str) -> LoadedScenario:
+    """A scenario that was made, not written: the tree a file would hold. where: stands for the file in messages.
+
+    Raises ScenarioError as `load` does.
+    """
+    return _validated(tree, Path(where), dict.fromkeys(_leaves(tree), "file"))
+
+
+def _validated(tree: dict[str, Any], path: Path, origin: dict[str, str]) -> LoadedScenario:
     where = _Where(path, origin)
     for key in _unknown_keys(tree):
         raise ScenarioError(where.tell(key, _explain_unknown(key)))
@@ -288,16 +300,20 @@ def _without_index(key: str) -> str:
 
 def _section_type(key: str) -> type[Section]:
     """Struct of a section by dotted key ('' the scenario, 'outage.0' an outage), or KeyError."""
-    head = key.split(".", maxsplit=1)[0]
+    head, _, rest = key.partition(".")
     if not head:
         return Scenario
     if head in _ITEMS:
         return _ITEMS[head]
-    hint = get_type_hints(Scenario)[head]
-    for option in (hint, *get_args(hint)):  # a section, or one that may be absent
-        if isinstance(option, type) and issubclass(option, Section):
-            return option
-    raise KeyError(key)
+    section: type[Section] = Scenario
+    for part in (head, *(rest.split(".") if rest else ())):
+        hint = get_type_hints(section)[part]
+        # a section, or one that may be absent
+        options = [o for o in (hint, *get_args(hint)) if isinstance(o, type) and issubclass(o, Section)]
+        if not options:
+            raise KeyError(key)
+        section = options[0]
+    return section
 
 
 def _is_section(key: str) -> bool:
@@ -316,8 +332,16 @@ def _unknown_keys(tree: dict[str, Any]) -> Iterator[str]:
         for i, table in enumerate(tables):
             prefix = f"{key}.{i}" if key in _ITEMS else key
             if isinstance(table, dict) and _is_section(key):
-                known = _section_type(key).__struct_fields__
-                yield from (f"{prefix}.{k}" for k in table if k not in known)
+                yield from _unknown_in(table, _section_type(key), prefix)
+
+
+def _unknown_in(table: dict[str, Any], section: type[Section], prefix: str) -> Iterator[str]:
+    for key, value in table.items():
+        path = f"{prefix}.{key}"
+        if key not in section.__struct_fields__:
+            yield path
+        elif isinstance(value, dict) and _is_section(path):
+            yield from _unknown_in(value, _section_type(path), path)
 
 
 def _items(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

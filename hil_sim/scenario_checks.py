@@ -13,6 +13,7 @@ MAXIMUM_BURNS = 255  # the frame's number of the burn has eight bits
 def check_events(scenario: Scenario) -> Iterator[Problem]:
     """Contradictions between burns, commands, attitude and the rest of the scenario."""
     yield from _check_burns(scenario)
+    yield from _check_area_step(scenario)
     for i, command in enumerate(scenario.command):
         yield from _check_command(f"command.{i}", command, scenario.time.duration_s)
     if scenario.attitude is not None and not whole_epochs(scenario.attitude.rate_hz):
@@ -100,3 +101,17 @@ def _check_command(key: str, command: Command, run_s: float) -> Iterator[Problem
             )
         if command.command != "edit" and given:
             yield Problem(f"{key}.{name}", f"{command.command} takes none", "remove it")
+
+
+def _check_area_step(scenario: Scenario) -> Iterator[Problem]:
+    step = scenario.truth.area_step
+    if step is None:
+        return
+    if scenario.orbit.source != "propagated":
+        yield Problem("truth.area_step", "a replayed orbit has the forces it had", "remove it")
+    if step.at_s >= scenario.time.duration_s:
+        yield Problem(
+            "truth.area_step.at_s",
+            f"{step.at_s:g} s lies after the run's {scenario.time.duration_s:g} s",
+            "put it earlier or lengthen time.duration_s",
+        )

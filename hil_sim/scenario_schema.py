@@ -79,6 +79,13 @@ class Orbit(Section, frozen=True):
     ) = None
 
 
+class AreaStep(Section, kw_only=True, frozen=True):
+    """The cross-section jumps once: a satellite that falls into safe mode turns, and its panels with it."""
+
+    at_s: Annotated[float, _range(1.0, 1e7, "seconds after the scenario's start, 1 at least")]
+    factor: Annotated[float, _range(0.1, 10.0, "cross-section afterwards over that before")]
+
+
 class TruthModel(Section, frozen=True):
     """Forces of the propagated truth."""
 
@@ -86,6 +93,7 @@ class TruthModel(Section, frozen=True):
     area_to_mass_m2pkg: Annotated[float, _range(0.0, 1.0, "area over mass in m2/kg")] = 0.01
     drag_coefficient: Annotated[float, _range(0.0, 10.0, "drag coefficient")] = 2.2
     srp_coefficient: Annotated[float, _range(0.0, 5.0, "radiation-pressure coefficient")] = 1.3
+    area_step: AreaStep | None = None
     sun: Annotated[bool, Meta(description="attraction of the Sun, true or false")] = True
     moon: Annotated[bool, Meta(description="attraction of the Moon, true or false")] = True
     tides: Annotated[bool, Meta(description="solid tides, true or false")] = True

@@ -15,7 +15,7 @@ from ground.errors import OperatorError
 SCHEMA = "leonav accuracy bench, version 1"
 _VERDICT_HEAD = "item | orbit | fixes | what | wanted | goal | measured | "
 _STEADY_HEAD = "orbit | fixes | converged in | position rms | max | velocity rms | beyond bound | NEES/n"
-_OUTAGE_HEAD = "orbit | fixes | age | starts | median | 99.7 % | max | error/bound | bound median | "
+_OUTAGE_HEAD = "orbit | fixes | age | starts | median | 99.7 % | max | error/bound | bound median | NEES/n | "
 _OUTAGE_HEAD += "floor median | floor max | share"
 _RETURN_HEAD = "orbit | fixes | outage | runs | error then (max) | 5 m in 60 s | worst | 2x steady in 600 s | worst | "
 _RETURN_HEAD += "rms at 600 s by steady | late without outage"
@@ -145,7 +145,7 @@ def _steady_row(one: Summary) -> tuple[str, ...]:
         _metres(steady["max_3d_m"]),
         _velocity(steady["rms_3d_mps"]),
         _percent(steady["beyond_bound_share"]),
-        _plain(steady["nees_per_state"]),
+        _nees(steady),
     )
 
 
@@ -162,6 +162,7 @@ def _outage_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
                 _metres(one["max_m"]),
                 _plain(one["worst_error_to_bound"]),
                 _metres(one["bound_median_m"]),
+                _nees(one),
                 f"{_metres(one.get('floor_median_m'))} ({_metres(one.get('floor_drag_median_m'))})",
                 f"{_metres(one.get('floor_max_m'))} ({_metres(one.get('floor_drag_max_m'))})",
                 f"{_percent(one.get('floor_share'))} ({_percent(one.get('floor_drag_share'))})",
@@ -191,6 +192,11 @@ def _table(head: str, rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
     yield "|" + "---|" * (head.count("|") + 1)
     for row in rows:
         yield "| " + " | ".join(row) + " |"
+
+
+def _nees(one: Summary) -> str:
+    mean, error = one.get("nees_per_state"), one.get("nees_per_state_standard_error")
+    return _plain(mean) if error is None else f"{_plain(mean)} ± {_plain(error)}"
 
 
 def _metres(value: float | None) -> str:

@@ -15,6 +15,7 @@ CONVERGED_S = 600.0
 NEAR_M, NEAR_S = 5.0, 60.0  # after an outage: so near again, so soon
 STEADY_FACTOR, STEADY_S = 2.0, 600.0  # and within so many times the steady rms
 STEADY_WINDOW_S = 60  # over which the rms after an outage is taken
+REVOLUTION_S = 6000  # of steady flight: its mean NEES counts as one draw
 
 Summary = dict[str, Any]
 
@@ -63,11 +64,11 @@ def steady_figures(plan: Plan, figures: Arrays) -> Summary:
         "beyond_bound_share": _share(beyond.sum(), len(beyond)),
         "beyond_twice_rms_share": _share(np.sum(position > STEADY_FACTOR * rms_m), len(position)),
         "not_steady_by_chance_share": chance_of_a_late_return(position, rms_m),
-        "nees_per_state": None,
     }
     if "flight_nees" in figures:
-        values = figures["flight_nees"][steady]
-        found["nees_per_state"] = _number(np.nanmean(values) / STATES) if np.isfinite(values).any() else None
+        values = figures["flight_nees"][steady] / STATES
+        count = len(values) // REVOLUTION_S
+        found |= _mean_nees(values, values[: count * REVOLUTION_S].reshape(count, -1).mean(axis=1))
     return found
 
 
@@ -123,11 +124,10 @@ def age_figures(plan: Plan, figures: Arrays, age_s: int) -> Summary:
         "rms_3d_m": _number(rms),
         "bound_median_m": _number(np.median(bound)),
         "worst_error_to_bound": _number(ratio.max()),
-        "nees_per_state": None,
     }
     if "outage_nees" in figures:
-        values = figures["outage_nees"][known, index]
-        found["nees_per_state"] = _number(np.nanmean(values) / STATES) if np.isfinite(values).any() else None
+        values = figures["outage_nees"][known, index] / STATES
+        found |= _mean_nees(values, values)
     for name in ("floor", "floor_drag"):
         floor = figures[f"{name}_m"][known, index]
         usable = np.isfinite(floor).all(axis=1)
@@ -235,6 +235,19 @@ def clock_ratios(summaries: Sequence[Summary], perfect: str) -> dict[str, dict[s
 
 def _spread(error: np.ndarray, prefix: str) -> Summary:
     return {f"{prefix}median_m": _number(np.median(error)), f"{prefix}max_m": _number(error.max())}
+
+
+def _mean_nees(values: np.ndarray, draws: np.ndarray) -> Summary:
+    """Mean NEES by state, and its standard error from the scatter of draws that are taken as independent.
+
+    The seconds of one flight are not: its revolutions nearly are.
+    """
+    values, draws = values[np.isfinite(values)], draws[np.isfinite(draws)]
+    error = np.std(draws, ddof=1) / np.sqrt(len(draws)) if len(draws) > 1 else np.nan
+    return {
+        "nees_per_state": _number(np.mean(values)) if len(values) else None,
+        "nees_per_state_standard_error": _number(error),
+    }
 
 
 def _quantile(values: np.ndarray, share: float) -> float:

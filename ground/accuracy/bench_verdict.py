@@ -126,7 +126,7 @@ def _consistency(one: Summary) -> Iterator[Line]:
     orbit, profile, steady = one["orbit"], one["profile"], one["steady"]
     if profile == PERFECT_CLOCK:
         return
-    if steady["nees_per_state"] is not None:
+    if steady.get("nees_per_state") is not None:
         value = steady["nees_per_state"]
         yield Line("5", orbit, profile, "steady NEES per state", "", value, _NEES[1], None, _NEES[0])
         for age in one["outages"]:

@@ -5,21 +5,33 @@ A test flies an hour both ways and finds the same bits; here it is merely two hu
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flightsw.can_port import CanPort
 from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
 from flightsw.icd.enums import REJECT_CAUSES
-from flightsw.icd.table_file import TableImage
+from flightsw.icd.table_file import TableImage, decode
 from flightsw.journal import Journal
 from flightsw.memory import Memory
+from flightsw.nav.flight_model import FLIGHT
 from flightsw.records import INPUT
 from flightsw.sensing.can_receiver import CanReceiver
 from flightsw.sensing.epoch_assembly import EpochAssembly
 from ground.campaign import arc
-from hil_sim.world import World
+from ground.errors import OperatorError
+from ground.tables.forces import build_force_tables
+from hil_sim import scenario
+from hil_sim.errors import SimulationError
+from hil_sim.world import World, space_weather_file
+
+
+class ForceImages(NamedTuple):
+    """The two tables that the flight filter needs besides."""
+
+    forces: TableImage
+    gravity_field: TableImage
 
 
 class _NoBus:
@@ -58,17 +70,55 @@ def step_inputs(world: World) -> tuple[np.ndarray, np.ndarray]:
     return inputs, ticks
 
 
+def build_world(tree: dict[str, Any], where: str, tick_period_ns: int) -> World:
+    """The world of a scenario that was drawn, not written. tree: what its file would hold; where: its name in messages.
+
+    Raises OperatorError where scenario or data do not allow it.
+    """
+    try:
+        return World.build(scenario.from_tree(tree, where), tick_period_ns)
+    except SimulationError as error:
+        raise OperatorError(str(error)) from error
+
+
+def force_images(world: World) -> ForceImages:
+    """The force tables of a run on this world: those that a run in real time would build."""
+    try:
+        weather = space_weather_file(world.loaded)
+    except SimulationError as error:
+        raise OperatorError(str(error)) from error
+    made = build_force_tables(world.t_start_gps_ns, world.scenario.truth.fixed_f107, weather)
+    return ForceImages(*map(decode, made))
+
+
+def flies_forces(navigation: TableImage) -> bool:
+    """Whether a navigation table flies the flight filter, and so force tables."""
+    return int(navigation.values["filter_model"][0]) == FLIGHT
+
+
 def fly_world(
-    world: World, navigation: TableImage, orientation: TableImage, inputs: tuple[np.ndarray, np.ndarray] | None = None
+    world: World,
+    navigation: TableImage,
+    orientation: TableImage,
+    inputs: tuple[np.ndarray, np.ndarray] | None = None,
+    forces: ForceImages | None = None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """Fly a world; returns outputs, one for each tick (n_ticks,) of `records.OUTPUT`, and what a monitor would hold."""
+    """Fly a world; returns outputs, one for each tick (n_ticks,) of `records.OUTPUT`, and what a monitor would hold.
+
+    inputs: of `step_inputs`, if made before. forces: for the flight filter; None builds those of the world's run.
+    """
     steps, ticks = inputs if inputs is not None else step_inputs(world)
     memory = Memory()
     memory.load(navigation.values, orientation.values)
-    outputs = arc.fly(memory, steps)
-    last = np.concatenate((np.flatnonzero(np.diff(ticks)), [len(ticks) - 1]))
-    outputs = outputs[last]
+    if flies_forces(navigation):
+        memory.load_forces(*(image.values for image in (forces if forces is not None else force_images(world))))
+    outputs = last_of_tick(arc.fly(memory, steps), ticks)
     return outputs, as_monitor(outputs)
+
+
+def last_of_tick(outputs: np.ndarray, ticks: np.ndarray) -> np.ndarray:
+    """The last output of each tick: a tick has as many calls as it brought fixes and pulses."""
+    return outputs[np.r_[np.flatnonzero(np.diff(ticks)), len(ticks) - 1]]
 
 
 def as_monitor(outputs: np.ndarray) -> dict[str, Any]:

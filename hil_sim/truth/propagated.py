@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil_sim.scenario_schema import MU_EGM2008_M3PS2, Orbit, TruthModel, semi_major_axis_m
+from hil_sim.scenario_schema import MU_EGM2008_M3PS2, AreaStep, Orbit, TruthModel, semi_major_axis_m
 from hil_sim.truth.burns import FlownBurn
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.hermite import NODES_EACH_SIDE, HermiteTrack
@@ -54,8 +54,8 @@ def propagate(
 ) -> TrackTruth:
     """Truth from the start for `duration_ns`, with a little more on both sides.
 
-    burns: in order of time, apart from each other. At their edges the integration stops and begins anew, and so does
-    the track: neither steps nor interpolates across the jump of the force.
+    burns: in order of time, apart from each other. At their edges, and where the model's area steps, the integration
+    stops and begins anew, and so does the track: neither steps nor interpolates across the jump of the force.
     Raises DataError when space weather or Earth orientation does not cover the run, ValueError for a burn that does not
     begin after the start.
     """
@@ -64,22 +64,24 @@ def propagate(
     margin_ns = MARGIN_NODES * NODE_STEP_NS
     after = -(-int(duration_ns) // NODE_STEP_NS) + MARGIN_NODES
     t_last_ns = t_start_gps_ns + after * NODE_STEP_NS
-    last_node_ns = t_last_ns + (margin_ns if burns else 0)
+    jumps = bool(burns) or model.area_step is not None
+    last_node_ns = t_last_ns + (margin_ns if jumps else 0)
     with session(t_start_gps_ns - margin_ns, last_node_ns, model.fixed_f107, finals_path, space_weather_path) as satkit:
-        settings, satellite = _settings(satkit, model)
+        settings, _ = _settings(satkit, model)
         state = initial_state(orbit)
         edges_ns: list[int] = []
         pieces: list[HermiteTrack] = []
-        for arc in _arcs(t_start_gps_ns, t_last_ns, burns):
-            pushed = satellite if arc.burn is None else _with_thrust(satkit, model, arc)
+        for arc in _at_area_step(_arcs(t_start_gps_ns, t_last_ns, burns), model.area_step, t_start_gps_ns):
+            thrusts = [] if arc.burn is None else [_thrust(satkit, arc)]
+            satellite = _satellite(satkit, model, thrusts, arc.area_factor)
             behind = range(-(OVERLAP_NODES if pieces else MARGIN_NODES), 0)
-            earlier, _ = _nodes(satkit, settings, pushed, state, arc, behind)
-            later, state = _nodes(satkit, settings, pushed, state, arc, range(arc.last_node + 1))
+            earlier, _ = _nodes(satkit, settings, satellite, state, arc, behind)
+            later, state = _nodes(satkit, settings, satellite, state, arc, range(arc.last_node + 1))
             samples = np.concatenate((earlier, later))
             t0_ns = arc.t_start_ns - len(earlier) * arc.step_ns
             edges_ns.append(arc.t_start_ns)
             pieces.append(HermiteTrack(t0_ns, arc.step_ns, samples[:, :3].copy(), samples[:, 3:].copy()))
-    track = PiecewiseTrack(edges_ns[1:], pieces) if burns else pieces[0]
+    track = PiecewiseTrack(edges_ns[1:], pieces) if jumps else pieces[0]
     return TrackTruth(track, f"satkit {satkit.__version__}, EGM2008 {model.gravity_degree}, solar {model.solar}")
 
 
@@ -91,6 +93,7 @@ class _Arc(NamedTuple):
     step_ns: int
     last_node: int
     burn: FlownBurn | None
+    area_factor: float = 1.0  # cross-section over that of the model
 
 
 def _arcs(t_start_ns: int, t_last_ns: int, burns: tuple[FlownBurn, ...]) -> Iterator[_Arc]:
@@ -101,8 +104,33 @@ def _arcs(t_start_ns: int, t_last_ns: int, burns: tuple[FlownBurn, ...]) -> Iter
         step_ns = min(NODE_STEP_NS, max(BURN_STEP_MINIMUM_NS, burn.duration_ns))
         yield _arc(burn.t_start_gps_ns, burn.t_end_gps_ns, step_ns, burn)
         at_ns = burn.t_end_gps_ns
-    # t_last has its margin in it
-    yield _Arc(at_ns, t_last_ns, NODE_STEP_NS, max(OVERLAP_NODES + 1, -(-(t_last_ns - at_ns) // NODE_STEP_NS)), None)
+    yield _last_arc(at_ns, t_last_ns)
+
+
+def _at_area_step(arcs: Iterator[_Arc], step: AreaStep | None, t_start_ns: int) -> Iterator[_Arc]:
+    """The arcs, parted where the area steps; without a step as they are."""
+    if step is None:
+        yield from arcs
+        return
+    at_ns = t_start_ns + round(step.at_s * 1e6) * 1000  # satkit's instants are whole microseconds
+    parted = list(arcs)
+    for arc in parted:
+        if arc.t_end_ns <= at_ns:
+            yield arc
+            continue
+        if arc.t_start_ns < at_ns:
+            yield _arc(arc.t_start_ns, at_ns, arc.step_ns, arc.burn)
+        begin_ns = max(arc.t_start_ns, at_ns)
+        if arc is parted[-1]:
+            yield _last_arc(begin_ns, arc.t_end_ns)._replace(area_factor=step.factor)
+        else:
+            yield _arc(begin_ns, arc.t_end_ns, arc.step_ns, arc.burn)._replace(area_factor=step.factor)
+
+
+def _last_arc(t_start_ns: int, t_last_ns: int) -> _Arc:
+    """The last one: t_last has its margin in it."""
+    nodes = max(OVERLAP_NODES + 1, -(-(t_last_ns - t_start_ns) // NODE_STEP_NS))
+    return _Arc(t_start_ns, t_last_ns, NODE_STEP_NS, nodes, None)
 
 
 def _arc(t_start_ns: int, t_end_ns: int, step_ns: int, burn: FlownBurn | None) -> _Arc:
@@ -127,17 +155,16 @@ def _nodes(
     return samples, np.array(result.interp(satkit_time(satkit, arc.t_end_ns)))
 
 
-def _with_thrust(satkit: Any, model: TruthModel, arc: _Arc) -> Any:
-    """The satellite with the thrust of an arc's burn, on over the whole arc and beyond its ends."""
+def _thrust(satkit: Any, arc: _Arc) -> Any:
+    """The thrust of an arc's burn, on over the whole arc and beyond its ends."""
     assert arc.burn is not None
     duration_s = arc.burn.duration_ns / 1e9
-    thrust = satkit.thrust.constant(
+    return satkit.thrust.constant(
         [dv / duration_s for dv in arc.burn.dv_mps],
         satkit_time(satkit, arc.t_start_ns - MARGIN_NODES * arc.step_ns),
         satkit_time(satkit, arc.t_start_ns + (arc.last_node + MARGIN_NODES) * arc.step_ns),
         satkit.frame.RTN if arc.burn.frame == "rtn" else satkit.frame.GCRF,
     )
-    return _satellite(satkit, model, [thrust])
 
 
 def density_kgpm3(
@@ -175,10 +202,12 @@ def _settings(satkit: Any, model: TruthModel) -> tuple[Any, Any]:
     return settings, _satellite(satkit, model, [])
 
 
-def _satellite(satkit: Any, model: TruthModel, thrusts: list[Any]) -> Any:
+def _satellite(satkit: Any, model: TruthModel, thrusts: list[Any], area_factor: float = 1.0) -> Any:
+    """The satellite with so many times the model's cross-section."""
+    area_to_mass = model.area_to_mass_m2pkg * area_factor
     return satkit.satproperties(
-        cdaoverm=model.drag_coefficient * model.area_to_mass_m2pkg,
-        craoverm=model.srp_coefficient * model.area_to_mass_m2pkg,
+        cdaoverm=model.drag_coefficient * area_to_mass,
+        craoverm=model.srp_coefficient * area_to_mass,
         thrusts=thrusts,
     )
 

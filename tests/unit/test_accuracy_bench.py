@@ -231,7 +231,7 @@ def test_figures_of_an_age_are_those_of_the_starts_that_reach_it() -> None:
     assert late["q997_m"] == pytest.approx(3.0 + 0.994)
     assert late["rms_3d_m"] == pytest.approx(np.sqrt((4 + 9 + 16) / 3), rel=1e-5)
     assert late["worst_error_to_bound"] == 1.0
-    assert late["nees_per_state"] == 1.5
+    assert (late["nees_per_state"], late["nees_per_state_standard_error"]) == (1.5, 0.0)
     assert (late["floor_median_m"], late["floor_max_m"]) == (1.5, 2.0)
     assert late["floor_share"] == pytest.approx(0.25)
     assert late["floor_drag_share"] == pytest.approx(0.01)
@@ -254,6 +254,19 @@ def test_steady_figures_are_those_after_convergence() -> None:
     assert found["rms_3d_m"] == pytest.approx(np.sqrt(0.125), rel=1e-5)
     assert (found["max_3d_m"], found["rms_3d_mps"], found["nees_per_state"]) == (0.4, 1e-3, 0.5)
     assert found["beyond_bound_share"] == pytest.approx(1 / 8000)
+
+
+def test_the_error_of_a_mean_nees_is_that_of_revolutions_not_of_seconds() -> None:
+    """GIVEN two revolutions of NEES 3 and 9 by 6 states WHEN averaged THEN 1, and an error of 0.5."""
+    slow = figures()
+    slow["flight_t_s"] = np.arange(24_000.0)
+    for name in ("flight_3d_m", "flight_3d_mps", "flight_axis_m", "flight_bound_m"):
+        slow[name] = np.full(24_000, 0.1)
+    slow["flight_nees"] = np.where(slow["flight_t_s"] < 18_000, 3.0, 9.0)
+    found = steady_figures(PLAN, slow)
+    assert (found["nees_per_state"], found["nees_per_state_standard_error"]) == (1.0, 0.5)
+    # one revolution has no scatter
+    assert steady_figures(PLAN, figures())["nees_per_state_standard_error"] is None
 
 
 def test_a_state_lost_in_steady_flight_is_no_steady_flight() -> None:
