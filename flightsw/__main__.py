@@ -35,6 +35,7 @@ def _run(options: argparse.Namespace) -> int:
             options.resume,
             options.resume_max_age,
             options.table_key,
+            options.allow_saturating,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -100,6 +101,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--table-key", type=Path, metavar="FILE", help="the navigation table must carry a certificate signed with it"
+    )
+    run.add_argument(
+        "--allow-saturating", action="store_true", help="for a study: fly a bound that settles below its limit"
     )
     run.set_defaults(action=_run)
 

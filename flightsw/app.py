@@ -14,6 +14,7 @@ from flightsw.clock import Clock
 from flightsw.icd.certificate import CertificateRefused, check_key, open_certificate
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
+from flightsw.icd.table_saturation import saturation
 from flightsw.journal import Journal
 from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Sink
@@ -59,16 +60,24 @@ def load_resume(path: Path, max_age_s: float, navigation: TableImage) -> Resume:
         raise CheckpointRefused(f"{path}: {error}") from error
 
 
-def load_tables(folder: Path, key: bytes | None = None) -> tuple[TableImage, TableImage]:
+def load_tables(
+    folder: Path, key: bytes | None = None, allow_saturating: bool = False
+) -> tuple[TableImage, TableImage]:
     """Navigation and Earth orientation of a folder, validated; PreflightFailed names the file and the reason.
 
-    key: the navigation table must carry a certificate that was signed with it.
+    key: the navigation table must carry a certificate that was signed with it. allow_saturating: fly a
+    bound that settles below its limit, for a study.
     """
     navigation, orientation = _load(folder, (NAVIGATION_FILE, EARTH_ORIENTATION_FILE))
+    path = folder / NAVIGATION_FILE
     try:
-        open_certificate(navigation, key)
+        block = open_certificate(navigation, key)
     except CertificateRefused as error:
-        raise PreflightFailed(f"{folder / NAVIGATION_FILE}: refused: {error}") from error
+        raise PreflightFailed(f"{path}: refused: {error}") from error
+    if not allow_saturating:
+        certified_age_s = float(block.values["certified_age_s"][0]) if block is not None else 0.0
+        if found := saturation(navigation.values, certified_age_s):
+            raise PreflightFailed(f"{path}: refused: {'; also '.join(found)}; to study it, say --allow-saturating")
     return navigation, orientation
 
 

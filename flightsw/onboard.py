@@ -83,6 +83,7 @@ def open_logs(
     orientation: TableImage,
     forces: app.ForceTables | None = None,
     resume: Resume | None = None,
+    allow_saturating: bool = False,
 ) -> Journal:
     """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs."""
     if out is None:
@@ -95,7 +96,8 @@ def open_logs(
             (out / "tables" / name).write_bytes(image)
         if resume is not None:
             (out / app.RESUME_FILE).write_bytes(resume.image)
-        record = {"lockstep": False, **identity(navigation, orientation, *(forces or ()), resume=resume)}
+        flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
+        record = {"lockstep": False, **flight}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out)
     except OSError as error:
@@ -112,13 +114,15 @@ def run(
     resume: Path | None = None,
     resume_max_age_s: float = 0.0,
     table_key: Path | None = None,
+    allow_saturating: bool = False,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
-    table_key: file of the key that must have signed the navigation table.
+    table_key: file of the key that must have signed the navigation table. allow_saturating: for a study.
     """
-    navigation, orientation = app.load_tables(tables, app.load_key(table_key) if table_key else None)
+    key = app.load_key(table_key) if table_key else None
+    navigation, orientation = app.load_tables(tables, key, allow_saturating)
     forces = app.load_force_tables(tables, navigation)
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
@@ -126,7 +130,7 @@ def run(
     sink = open_link(link)
     port = open_port(can_bus)
     try:
-        journal = open_logs(out, tables, navigation, orientation, forces, resumed)
+        journal = open_logs(out, tables, navigation, orientation, forces, resumed, allow_saturating)
     except Refused:
         port.close()
         raise

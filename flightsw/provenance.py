@@ -25,16 +25,22 @@ def package_hash() -> str:
 
 
 def identity(
-    navigation: TableImage, orientation: TableImage, *others: TableImage, resume: Resume | None = None
+    navigation: TableImage,
+    orientation: TableImage,
+    *others: TableImage,
+    resume: Resume | None = None,
+    allow_saturating: bool = False,
 ) -> dict[str, Any]:
     """The part of run.json that decides what flight does with a journal.
 
     others: the force tables, if they fly. resume: the checkpoint it began with, if it did.
+    allow_saturating: it was told to fly a bound that settles below its limit.
     """
     return {
         "flight_source_sha256": source_hash(),
         "flight_package_sha256": package_hash(),
         "checkpoint": None if resume is None else {"sha256": resume.image_sha256, "max_age_s": resume.max_age_s},
+        "allow_saturating": allow_saturating,
         "tables": {
             "navigation": {"set": navigation.set_name, "crc32": navigation.crc32},
             "earth_orientation": {"crc32": orientation.crc32},

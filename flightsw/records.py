@@ -246,20 +246,17 @@ OUTPUT = np.dtype(
 # GNSS errors, 12 of burns; a multiple of four (kernels/udu.py).
 NOISE_WIDTH = STATES + 44
 
+# Scratch of kernels/frames.py.
+_ROTATION: list[tuple[str, str, tuple[int, ...]]] = [
+    *((name, "f8", (6,)) for name in ("orientation", "orientation_rate")),
+    *((name, "f8", (3, 3)) for name in ("cirs", "cirs_rate", "spin", "spin_rate", "wobble", "product", "product_rate")),
+    *((name, "f8", (3, 3)) for name in ("itrf_from_gcrf", "itrf_from_gcrf_rate")),
+]
+
 # Scratch of the compiled code; its content means nothing between calls.
 WORK = np.dtype(
     [
-        ("orientation", "f8", (6,)),
-        ("orientation_rate", "f8", (6,)),
-        ("cirs", "f8", (3, 3)),
-        ("cirs_rate", "f8", (3, 3)),
-        ("spin", "f8", (3, 3)),
-        ("spin_rate", "f8", (3, 3)),
-        ("wobble", "f8", (3, 3)),
-        ("product", "f8", (3, 3)),
-        ("product_rate", "f8", (3, 3)),
-        ("itrf_from_gcrf", "f8", (3, 3)),
-        ("itrf_from_gcrf_rate", "f8", (3, 3)),
+        *_ROTATION,
         ("stages", "f8", (6, 3)),
         ("gradient", "f8", (3, 3)),
         ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
@@ -295,13 +292,11 @@ WORK = np.dtype(
         ("innovation_type", "f8", (TYPES, 3)),
         ("mean_gain", "f8", (TYPES, 2)),  # of r and v by a measurement of each type, mean of the axes
         ("P_rv", "f8", (MEASUREMENTS, MEASUREMENTS)),
-        ("body", "f8", (3, 3)),
         ("lever_m", "f8", (3,)),
         ("burn_rtn", "f8", (3, 3)),
         ("burn_dr_m", "f8", (3,)),
         ("burn_dv_mps", "f8", (3,)),
         ("three", "f8", (3,)),
-        ("x_other", "f8", (STATES,)),
         ("innovation_p", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("lower", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("column", "f8", (MEASUREMENTS,)),
@@ -310,7 +305,6 @@ WORK = np.dtype(
         ("R_pseudo", "f8", (MEASUREMENTS, MEASUREMENTS)),
         ("x", "f8", (STATES,)),
         ("P", "f8", (PAPER_STATES, PAPER_STATES)),
-        ("P_bound", "f8", (PAPER_STATES, PAPER_STATES)),
         ("x_publish", "f8", (STATES,)),
         ("x_candidate", "f8", (STATES,)),
         ("node", "f8", (3,)),
@@ -377,18 +371,7 @@ STAGES = 11  # of the largest integrator
 # Scratch of the force model. What `prepare` and `turn` put here serves the evaluations that follow within a step.
 FORCE_WORK = np.dtype(
     [
-        # of kernels/frames.py
-        ("orientation", "f8", (6,)),
-        ("orientation_rate", "f8", (6,)),
-        ("cirs", "f8", (3, 3)),
-        ("cirs_rate", "f8", (3, 3)),
-        ("spin", "f8", (3, 3)),
-        ("spin_rate", "f8", (3, 3)),
-        ("wobble", "f8", (3, 3)),
-        ("product", "f8", (3, 3)),
-        ("product_rate", "f8", (3, 3)),
-        ("itrf_from_gcrf", "f8", (3, 3)),
-        ("itrf_from_gcrf_rate", "f8", (3, 3)),
+        *_ROTATION,
         # set by `prepare`
         ("sun_m", "f8", (3,)),  # GCRF, geocentric
         ("moon_m", "f8", (3,)),

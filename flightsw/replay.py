@@ -179,7 +179,7 @@ class Outcome(NamedTuple):
 def check_versions(run_dir: Path) -> list[str]:
     """What differs between the flight of the run and this one, in words; ReplayRefused if the folder is no run."""
     run = _record(run_dir)
-    navigation, orientation = app.load_tables(run_dir / "tables")
+    navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
     resume = _resume(run_dir, run, navigation)
     return differences(run, identity(navigation, orientation, *(forces or ()), resume=resume))
@@ -193,6 +193,11 @@ def _record(run_dir: Path) -> dict[str, Any]:
     if not isinstance(run, dict):
         raise ReplayRefused(f"{run_dir / 'run.json'}: not the record of a run")
     return run
+
+
+def _tables(run_dir: Path, run: dict[str, Any]) -> tuple[TableImage, TableImage]:
+    """The tables of the run; one whose bound settles below its limit only where the run was told to fly it."""
+    return app.load_tables(run_dir / "tables", None, run.get("allow_saturating") is True)
 
 
 def _resume(run_dir: Path, run: dict[str, Any], navigation: TableImage) -> Resume | None:
@@ -213,9 +218,10 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     for name in ("can.log", "link.tlog"):
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
-    navigation, orientation = app.load_tables(run_dir / "tables")
+    run = _record(run_dir)
+    navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
-    resume = _resume(run_dir, _record(run_dir), navigation)
+    resume = _resume(run_dir, run, navigation)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         if out_dir.samefile(run_dir):

@@ -23,6 +23,7 @@ from flightsw.clock import LockstepClock, PacedClock
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
+from flightsw.icd.table_saturation import saturation
 from flightsw.journal import Journal
 from flightsw.main_loop import MainLoop
 from flightsw.nav.flight_model import FLIGHT
@@ -139,7 +140,7 @@ def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tab
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
         build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
     )
-    navigation, orientation = app.load_tables(folder)
+    navigation, orientation = app.load_tables(folder, None, flight.allow_saturating)
     if int(navigation.values["filter_model"][0]) == FLIGHT:
         forces, gravity_field = build_force_tables(
             start_ns, loaded.scenario.truth.fixed_f107, space_weather_file(loaded)
@@ -212,6 +213,7 @@ def _summarise(
             "set": navigation.set_name,
             "crc32": navigation.crc32,
             "certificate": Certificate(loop.certificate).name,
+            "saturation": saturation(navigation.values) if loaded.scenario.flight.allow_saturating else [],
         },
     }
     summary["verdict"] = render_verdict(summary).splitlines()
@@ -222,7 +224,8 @@ def _provenance(
     loaded: LoadedScenario, navigation: TableImage, orientation: TableImage, forces: app.ForceTables | None
 ) -> dict[str, Any]:
     """What flew, and in which world: enough to repeat the run, and to say whether a replay may give the same bytes."""
-    flight = identity(navigation, orientation, *(forces or ()))
+    allowed = loaded.scenario.flight.allow_saturating
+    flight = identity(navigation, orientation, *(forces or ()), allow_saturating=allowed)
     return {
         "scenario": loaded.scenario.name,
         "seed": loaded.scenario.seed,

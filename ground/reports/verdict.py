@@ -242,6 +242,9 @@ def _certificate_sentence(summary: Mapping[str, Any]) -> str:
         if words == "UNCERTIFIED"
         else f"{words}."
     )
+    allowed = tables.get("saturation") or ()
+    if allowed:
+        meaning += " SATURATES, flown by express permission only: " + "; ".join(str(text) for text in allowed) + "."
     return f"{name}{number}. {meaning}"
 
 

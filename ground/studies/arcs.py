@@ -169,6 +169,12 @@ def oscillator_ns(noise: np.random.Generator, count: int, phase_s2ps: float, dri
     return counter
 
 
+def counter_of(memory: Memory, count: int, noise: np.random.Generator) -> np.ndarray:
+    """Counter (n,) [ns] at whole seconds of an oscillator that wanders as the table in `memory` says."""
+    table: Any = memory.table[0]
+    return oscillator_ns(noise, count, float(table["clock_q_phase_s2ps"]), float(table["clock_q_drift_ps"]))
+
+
 def blank(counter_ns: np.ndarray) -> np.ndarray:
     """Inputs (n,) of calls that bring nothing but the reading of the counter; counter (n,) [ns] at whole seconds."""
     inputs = np.zeros(len(counter_ns), INPUT)
@@ -246,6 +252,43 @@ def fork(memory: Memory) -> Memory:
     other.share_tables(memory)
     other.nav[:] = memory.nav
     return other
+
+
+class Flight:
+    """A flight along a sky with fixes throughout: where it is stopped, others may begin with its state.
+
+    t_s: second of the sky up to which it has been flown.
+    """
+
+    def __init__(
+        self, sky: Sky, table_set: str, receiver: Receiver, noise: np.random.Generator, overrides: Any = None
+    ) -> None:
+        self.sky, self.receiver = sky, receiver
+        self.memory = sky.memory(table_set, overrides)
+        self.track = Track.of(sky, 0, len(sky))
+        self.counter_ns = counter_of(self.memory, len(sky), noise)
+        self.inputs = measured(sky, self.track, receiver, self.counter_ns, noise)
+        self.t_s = 0
+        self._flown: list[np.ndarray] = []
+
+    def until(self, second: int | None = None) -> None:
+        """Fly on up to a second, or to the end."""
+        self._flown.append(fly(self.memory, self.inputs[self.t_s : second]))
+        self.t_s = len(self.sky) if second is None else second
+
+    @property
+    def outputs(self) -> np.ndarray:
+        """Of all that has been flown."""
+        return np.concatenate(self._flown)
+
+    def blank(self, begin: int, end: int) -> np.ndarray:
+        """Inputs of seconds begin to end - 1 without fixes and pulses."""
+        return blank(self.counter_ns[begin:end])
+
+    def measured(self, track: Track, noise: np.random.Generator) -> np.ndarray:
+        """Inputs with fixes of a track along this flight, their noise drawn anew."""
+        begin = track.first
+        return measured(self.sky, track, self.receiver, self.counter_ns[begin : begin + len(track.r_m)], noise)
 
 
 class Errors(NamedTuple):

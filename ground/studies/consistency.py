@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flightsw.icd.alerts import AlertId
-from flightsw.memory import Memory
 from ground.accuracy.bench_flight import nees
 from ground.studies import arcs
 from ground.studies.drawn_truth import draw
@@ -135,7 +134,7 @@ def fly_drawn(task: Task) -> Ensemble:
         noise = arcs.stream(1, number)
         first = int(noise.integers(0, len(sky) - length))
         track = draw(sky, fresh, first, length, noise)
-        inputs = _inputs(sky, fresh, track, receiver, noise)
+        inputs = arcs.measured(sky, track, receiver, arcs.counter_of(fresh, length, noise), noise)
         inputs[plan.converged_s + plan.fixes_s :]["fix_present"] = 0
         inputs[plan.converged_s + plan.fixes_s :]["pulse_present"] = 0
         outputs = arcs.fly(arcs.fork(fresh), inputs)
@@ -151,46 +150,30 @@ def fly_drawn(task: Task) -> Ensemble:
     return Ensemble(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _inputs(
-    sky: arcs.Sky, memory: Memory, track: arcs.Track, receiver: arcs.Receiver, noise: np.random.Generator
-) -> np.ndarray:
-    table: Any = memory.table[0]
-    phase, drift = float(table["clock_q_phase_s2ps"]), float(table["clock_q_drift_ps"])
-    counter = arcs.oscillator_ns(noise, len(track.r_m), phase, drift)
-    return arcs.measured(sky, track, receiver, counter, noise)
-
-
 def fly_along(task: Task) -> Along:
     """One flight with fixes, and from it outages that each begin with its state."""
     assert task.orbit is not None
     plan, seed = task.plan, task.numbers[0]
     sky = arcs.sky(task.orbit, plan.along_s, task.gravity)
-    memory = sky.memory(task.table_set, dict(task.overrides))
     noise = arcs.stream(2, seed, list(arcs.ALL_ORBITS).index(task.orbit))
-    track = arcs.Track.of(sky, 0, len(sky))
-    inputs = _inputs(sky, memory, track, RECEIVERS[task.table_set], noise)
-    counter = inputs["counter_now_ns"] - arcs.AFTER_NS
-    starts = range(plan.settled_s, len(track.r_m) - AGES_S[0], plan.spacing_s)
-    flown, done = [], 0
+    flight = arcs.Flight(sky, task.table_set, RECEIVERS[task.table_set], noise, dict(task.overrides))
     ages = [age for age in AGES_S if age <= plan.outage_s]
+    starts = range(plan.settled_s, len(sky) - ages[0], plan.spacing_s)
     at_age: dict[int, list[tuple[float, float]]] = {age: [] for age in ages}
     past, seconds, worst = 0, 0, 0.0
     for start in starts:
-        flown.append(arcs.fly(memory, inputs[done:start]))
-        done = start
-        end = min(start + ages[-1], len(track.r_m))
-        outputs = arcs.fly(arcs.fork(memory), arcs.blank(counter[start:end]))
-        error = arcs.Errors.of(track.part(start, end), outputs) if end - start > 1 else None
-        if error is None:
-            continue
+        flight.until(start)
+        end = min(start + ages[-1], len(sky))
+        outputs = arcs.fly(arcs.fork(flight.memory), flight.blank(start, end))
+        error = arcs.Errors.of(flight.track.part(start, end), outputs)
         values = nees(error.both, outputs["covariance"])
         ratio = np.nan_to_num(error.axis_m / outputs["bound_m"], nan=np.inf)
         past, seconds, worst = past + int(np.sum(ratio > 1.0)), seconds + len(ratio), max(worst, float(ratio.max()))
         for age in ages:
             if age <= end - start:
                 at_age[age].append((values[age - 1] / 6.0, error.axis_m[age - 1]))
-    flown.append(arcs.fly(memory, inputs[done:]))
-    outputs = np.concatenate(flown)
+    flight.until()
+    outputs, track = flight.outputs, flight.track
     steady = np.arange(len(outputs)) >= plan.settled_s
     error = arcs.Errors.of(track, outputs)
     beyond = ~(error.axis_m <= outputs["bound_m"])[steady]

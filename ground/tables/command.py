@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 from ground.errors import OperatorError
@@ -101,9 +102,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _build(name: str, out: Path, settings: list[str]) -> int:
+    from flightsw.icd.table_file import decode
+    from flightsw.icd.table_saturation import saturation
     from ground.tables.build import build_navigation, parse_setting
 
-    return _write(out, build_navigation(name, dict(parse_setting(text) for text in settings)))
+    image = build_navigation(name, dict(parse_setting(text) for text in settings))
+    _write(out, image)
+    for text in saturation(decode(image).values):
+        print(f"{out}: flight REFUSES this table: {text}", file=sys.stderr)
+    return 0
 
 
 def _build_forces(args: argparse.Namespace) -> int:

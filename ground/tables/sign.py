@@ -21,7 +21,8 @@ from flightsw.icd.certificate import (
     open_certificate,
 )
 from flightsw.icd.table_file import TableImage
-from flightsw.icd.table_schema import SCHEMAS
+from flightsw.icd.table_saturation import saturation
+from flightsw.icd.table_schema import NAVIGATION, SCHEMAS
 from ground.errors import OperatorError
 from ground.tables.certificate_file import read_certificate
 from ground.tables.gps_time import GPS_EPOCH_UNIX_NS, GPS_MINUS_UTC_NS, format_gps
@@ -76,9 +77,14 @@ def now_gps_ns() -> int:
 def verify(table: TableImage, key: bytes | None, where: str) -> Block | None:
     """The certificate of a table, checked as flight checks it. Raises OperatorError with the reason."""
     try:
-        return open_certificate(table, key)
+        block = open_certificate(table, key)
     except CertificateRefused as error:
         raise OperatorError(f"{where}: refused: {error}") from error
+    if table.kind == NAVIGATION.name:
+        age_s = float(block.values["certified_age_s"][0]) if block is not None else 0.0
+        if found := saturation(table.values, age_s):
+            raise OperatorError(f"{where}: refused: {'; also '.join(found)}")
+    return block
 
 
 def render_certificate(block: Block | None) -> list[str]:

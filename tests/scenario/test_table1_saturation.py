@@ -14,6 +14,7 @@ def test_saturation_is_reported_as_a_fault_of_the_table(tmp_path: Path, capsys) 
     status = main(
         [
             *("run", "paper_outage", "--out", str(out), "--set", 'flight.table_set="paper_table1"'),
+            *("--set", "flight.allow_saturating=true"),
             # a tick a second is enough here and ten times as fast
             *("--set", "flight.table.tick_period_ns=1000000000", "--set", "flight.table.latency_max_s=3.0"),
             *("--set", "time.duration_s=7700"),
@@ -30,4 +31,15 @@ def test_saturation_is_reported_as_a_fault_of_the_table(tmp_path: Path, capsys) 
     assert "can never be raised" in outage["fault_of_table"]
     assert summary["fault_of_table"] == outage["fault_of_table"]
     assert "FAULT OF THE TABLE" in said.upper()
+    assert "SATURATES, flown by express permission only" in " ".join(said.split())
+    assert json.loads((out / "run.json").read_text())["allow_saturating"] is True
     assert (out / "figures").is_dir()
+
+
+def test_without_permission_the_run_is_refused_with_the_reason(tmp_path: Path, capsys) -> None:
+    """GIVEN the same WHEN nothing permits it THEN flight refuses the table, naming row, orbit, bound and limit."""
+    words = ["run", "paper_outage", "--out", str(tmp_path / "run"), "--set", 'flight.table_set="paper_table1"']
+    assert main(words) != 0
+    said = capsys.readouterr().err
+    assert "navigation.tbl: refused: tuning row 0: the bound settles at 495 m" in said
+    assert "--allow-saturating" in said
