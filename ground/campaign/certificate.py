@@ -17,6 +17,7 @@ from ground.campaign.statistics import quantile, tightness, upper_limit
 
 AGE_BINS_S = ((0, 60), (60, 200), (200, 600), (600, 1200), (1200, 2001), (2001, 7200), (7200, 28_800), (28_800, 86_401))
 JUDGED_S = (60, 2001)  # ages whose tightness is judged
+SETTLED_S = 5000.0  # of fixes, about a revolution
 FULL_RUNS, FULL_CELL_RUNS = 12_000, 1000
 POOLED_LIMIT, CELL_LIMIT = 0.003, 0.01
 MEAN_TIGHTNESS, WORST_TIGHTNESS, FLAG_SHARE = 1.5, 2.0, 0.70
@@ -112,10 +113,13 @@ def _flagging(figures: Arrays, started: np.ndarray, axis_m: np.ndarray, ages: np
     by_error, by_bound = figures["crossing_error_s"][started, k], figures["crossing_bound_s"][started, k]
     hazardous = int((by_error < np.nan_to_num(by_bound, nan=np.inf)).sum())
     trials = int(started.sum())
-    # the age at which 0.3 % of the outages are beyond the limit, and when half of them have raised the flag
-    beyond = np.array([quantile(axis_m[:, j]) > LIMITS_M[k] for j in range(len(ages))]) if trials else np.zeros(0, bool)
+    # The age at which 0.3 % of the outages are beyond the limit, and when half of them have raised the flag. Of those
+    # after a revolution of fixes: the worst errors follow a minute of fixes, the median bound does not.
+    settled = figures["acquisition_s"][started] >= SETTLED_S
+    count = int(settled.sum())
+    beyond = np.array([count > 0 and quantile(axis_m[settled, j]) > LIMITS_M[k] for j in range(len(ages))], bool)
     t_s = float(ages[np.argmax(beyond)]) if beyond.any() else math.nan
-    t_flag_s = float(np.sort(np.nan_to_num(by_bound, nan=np.inf))[(trials - 1) // 2]) if trials else math.nan
+    t_flag_s = float(np.sort(np.nan_to_num(by_bound[settled], nan=np.inf))[(count - 1) // 2]) if count else math.nan
     lead = (by_error - by_bound)[(by_error > by_bound)]
     return {
         "hazardous": hazardous,

@@ -48,7 +48,7 @@ def figures(runs: int, errors: float = 0.25) -> dict[str, np.ndarray]:
         "burns": np.zeros(runs),
         "nees_before": np.full(runs, 6.0),
         "outage_s": np.full(runs, 2000.0),
-        "acquisition_s": np.full(runs, 600.0),
+        "acquisition_s": np.full(runs, 6000.0),
     }
     drawn = [draw(ENSEMBLE, seeds.tuning(1), run, "flight").drawn for run in range(12)]
     for name in ("perigee_km", "eccentricity", "argument_of_latitude_deg", "f107", "ap", "day"):
@@ -91,6 +91,19 @@ def test_time_to_flag_is_measured_where_both_are_reached() -> None:
     assert at_50["t_flag_over_t"] == pytest.approx(800.0 / at_50["t_s"])
 
 
+def test_time_to_flag_is_that_of_settled_runs() -> None:
+    """GIVEN runs of which half had a minute of fixes and huge errors WHEN the time to flag is measured THEN it is that
+    of the others, while hazards are counted in all."""
+    mixed = figures(48, 0.8)
+    mixed["acquisition_s"][24:] = 60.0
+    mixed["error_m"][24:] *= 10.0
+    mixed["crossing_error_s"][24:, 0] = 20.0
+    at_50 = certificate.summarise(ENSEMBLE, mixed)["pooled"]["limits"]["50"]
+    alone = certificate.summarise(ENSEMBLE, figures(24, 0.8))["pooled"]["limits"]["50"]
+    assert at_50["t_flag_over_t"] == alone["t_flag_over_t"]
+    assert at_50["hazardous"] == 24
+
+
 def test_a_run_without_a_state_is_no_outage_but_is_counted() -> None:
     """GIVEN runs that had no state when GNSS was lost WHEN summed up THEN they are no trials, and said."""
     made = figures(24)
@@ -100,9 +113,9 @@ def test_a_run_without_a_state_is_no_outage_but_is_counted() -> None:
 
 
 def test_empty_bins_of_coverage_are_said() -> None:
-    """GIVEN outages that all begin after 600 s of fixes WHEN coverage is counted THEN all other lengths are empty."""
+    """GIVEN outages that all begin after 6000 s of fixes WHEN coverage is counted THEN all other lengths are empty."""
     part = certificate.coverage(ENSEMBLE, figures(24))["fixes before [s]"]
-    assert part["counts"]["301-601"] == 24
+    assert part["counts"]["1801-7200"] == 24
     assert len(part["empty"]) == 5
 
 
@@ -154,7 +167,7 @@ def test_certificate_and_report_name_what_was_certified(tmp_path: Path) -> None:
     assert [one["attempt"] for one in document["attempts"]] == [1, 2]
     assert document["seeds"] != first["seeds"]
     assert document["envelope"]["age_s"] == 2000.0
-    assert document["envelope"]["fixes_before_s"] == 600.0
+    assert document["envelope"]["fixes_before_s"] == 6000.0
     drawn = pictures.draw(second, tmp_path / "figures")
     text = report.write(tmp_path, second.document, second.targets, drawn).read_text()
     assert "NOT CERTIFIED: a quick campaign certifies nothing" in text
