@@ -93,7 +93,7 @@ class TruthModel(Section, frozen=True):
     area_to_mass_m2pkg: Annotated[float, _range(0.0, 1.0, "area over mass in m2/kg")] = 0.01
     drag_coefficient: Annotated[float, _range(0.0, 10.0, "drag coefficient")] = 2.2
     srp_coefficient: Annotated[float, _range(0.0, 5.0, "radiation-pressure coefficient")] = 1.3
-    area_step: AreaStep | None = None
+    area_step: Annotated[AreaStep, Meta(description="step of the cross-section: at_s, factor")] | None = None
     sun: Annotated[bool, Meta(description="attraction of the Sun, true or false")] = True
     moon: Annotated[bool, Meta(description="attraction of the Moon, true or false")] = True
     tides: Annotated[bool, Meta(description="solid tides, true or false")] = True
