@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 from ground.accuracy import bench_store
 from ground.accuracy.bench_cases import Case
 from ground.accuracy.bench_flight import Arrays, Part, fly
+from ground.errors import OperatorError
 
 
 class Flown(NamedTuple):
@@ -62,4 +64,10 @@ def run(
 
 
 def _each(workers: ProcessPoolExecutor | None, everything: Sequence[Part]) -> Generator[Arrays, None, None]:
-    yield from map(fly, everything) if workers is None else workers.map(fly, everything)
+    try:
+        yield from map(fly, everything) if workers is None else workers.map(fly, everything)
+    except BrokenProcessPool:
+        raise OperatorError(
+            "a process of the bench was ended from outside, perhaps for want of memory; finished cases are kept: "
+            "give the same command again, with fewer --jobs"
+        ) from None

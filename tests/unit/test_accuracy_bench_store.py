@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import re
+import signal
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +23,7 @@ from ground.accuracy.bench_cases import (
     cases_of,
 )
 from ground.accuracy.bench_flight import Part
+from ground.errors import OperatorError
 
 PLAN = Plan.of(86_400)
 
@@ -64,6 +69,23 @@ def test_a_stop_keeps_the_cases_that_are_whole(tmp_path: Path, monkeypatch: pyte
         bench.run(both, tmp_path, None, {}, lambda: None)
     monkeypatch.setattr(bench, "fly", flown_part)
     assert [one.resumed for one in bench.run(both, tmp_path, None, {}, lambda: None)] == [True, False]
+
+
+def ended(part: Part) -> dict[str, np.ndarray]:
+    """A worker that the system takes away."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return flown_part(part)
+
+
+def test_a_worker_that_is_taken_away_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN a process of the pool that is killed WHEN the bench waits for it THEN it says what to do."""
+    monkeypatch.setattr(bench, "fly", ended)
+    context = multiprocessing.get_context("spawn")
+    with (
+        ProcessPoolExecutor(1, mp_context=context) as workers,
+        pytest.raises(OperatorError, match=r"ended from outside.*with fewer --jobs"),
+    ):
+        bench.run([case()], tmp_path, workers, {}, lambda: None)
 
 
 @pytest.mark.parametrize(
