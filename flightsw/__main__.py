@@ -36,6 +36,7 @@ def _run(options: argparse.Namespace) -> int:
             options.resume_max_age,
             options.table_key,
             options.allow_saturating,
+            options.table_store,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -104,6 +105,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--allow-saturating", action="store_true", help="for a study: fly a bound that settles below its limit"
+    )
+    run.add_argument(
+        "--table-store",
+        type=Path,
+        metavar="DIR",
+        help="boot from the A/B navigation tables here; a file upload.tbl put here is validated, staged and tried",
     )
     run.set_defaults(action=_run)
 

@@ -21,7 +21,7 @@ from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
 from flightsw.integrity.time_to_flag import look_ahead
-from flightsw.journal import BUS_LOST, BUS_REOPENED, Journal
+from flightsw.journal import BUS_LOST, BUS_REOPENED, TABLE_SWAPPED, Journal
 from flightsw.link.mavlink_out import MavlinkOut, Sink
 from flightsw.link.telemetry import Telemetry
 from flightsw.memory import Memory
@@ -32,6 +32,7 @@ from flightsw.records_io import RecordReader
 from flightsw.schedule import Member, Schedule
 from flightsw.sensing.can_receiver import CanReceiver
 from flightsw.sensing.epoch_assembly import EpochAssembly
+from flightsw.tables.service import TableService
 
 _BUS_ERROR = int(RejectCause.BUS_ERROR)
 _BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
@@ -76,6 +77,8 @@ class MainLoop:
         self._alerts = 0
         self._happened = 0
         self._slipped = False
+        self._noted = 0  # alerts of what happens between ticks, told with the next one
+        self.tables: TableService | None = None
         table = memory.table[0]
         self.period_ns = int(table["tick_period_ns"])
         self._ahead_steps = int(table["ahead_steps"])
@@ -157,6 +160,8 @@ class MainLoop:
         if self._slipped:
             self._happened |= _SLIP_BIT
             self._slipped = False
+        self._happened |= self._noted
+        self._noted = 0
         out, at = self.out, self.out_reader.at
         self.events.note(int(out[at["t_gps_ns"]]), self._happened, self._alerts, out[at["bound_m"]])
 
@@ -258,6 +263,37 @@ class MainLoop:
         self.checkpoints = writer
         self.schedule.add_slack(Member("checkpoint", 1, 2000.0, writer.write_slice))
 
+    # -- tables
+
+    def keep_tables(self, service: TableService) -> None:
+        """Take new navigation tables from now on."""
+        self.tables = service
+        self.schedule.add_slack(Member("tables", 1, 5000.0, self._table_slice))
+
+    def _table_slice(self) -> None:
+        if self.tables is not None:
+            self.tables.work_slice(int(self.out[self.out_reader.at["t_gps_ns"]]))
+
+    def note(self, alert: AlertId) -> None:
+        """Tell this with the next tick."""
+        self._noted |= 1 << int(alert)
+
+    def fly_table(self, table: TableImage, nav_row_last: int) -> None:
+        """Swap the navigation table, between two ticks; its period and rates of the grid are those of the old one."""
+        memory = self.memory
+        memory.load_navigation(table.values)
+        memory.nav["row"] = min(int(memory.nav["row"][0]), nav_row_last)
+        certificate = open_certificate(table, None)
+        self.certificate = int(certificate.grade if certificate is not None else Certificate.UNCERTIFIED)
+        record = memory.table[0]
+        self._ahead_steps = int(record["ahead_steps"])
+        self.receiver.drain_limit = int(record["drain_frames_max"])
+        schema = SCHEMAS[table.kind]
+        self.telemetry.name_table(table.crc32, schema.hash, table.set_name.encode(), self.certificate)
+        if self.checkpoints is not None:
+            self.checkpoints.belongs_to(table.crc32)
+        self.journal.bus(self.unix_ns(), TABLE_SWAPPED)
+
     # -- the cycle
 
     def run_tick(self) -> None:
@@ -265,6 +301,9 @@ class MainLoop:
         self.counter_ns = self.clock.counter_ns()
         if self.tick == 0:
             self.counter_start_ns = self.counter_ns
+        if self.tables is not None:
+            at = self.out_reader.at
+            self.tables.between_ticks(int(self.out[at["flag"]]), self.out[at["bound_m"]], self._happened)
         self.schedule.run_tick(self.tick)
         self.tick += 1
 

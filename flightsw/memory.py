@@ -73,6 +73,10 @@ class Memory:
         _fill(self.table, navigation)
         _fill(self.orientation, orientation)
 
+    def load_navigation(self, navigation: np.ndarray) -> None:
+        """Copy the payload of another navigation table (an array of one record) over the one that flies."""
+        _fill(self.table, navigation)
+
     def load_forces(self, forces: np.ndarray, gravity_field: np.ndarray) -> None:
         """Copy the force table and make the gravity field that flies from its coefficients.
 

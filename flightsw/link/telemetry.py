@@ -61,6 +61,10 @@ class Telemetry:
         self._geodetic_in = np.zeros(3)
         self._geodetic = np.zeros(3)
 
+    def name_table(self, crc32: int, schema_hash: int, set_name: bytes, certificate: int) -> None:
+        """From now on this navigation table is named."""
+        self._table = (crc32, schema_hash, set_name, certificate)
+
     def alert(self, sequence: int, t_gps_ns: int, alert_id: int, active: int, value: float) -> None:
         """LEONAV_ALERT and, when it begins, its text for any ground station."""
         severity, text = _TEXTS[alert_id]
