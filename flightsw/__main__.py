@@ -37,6 +37,7 @@ def _run(options: argparse.Namespace) -> int:
             options.table_key,
             options.allow_saturating,
             options.table_store,
+            options.require_certificate,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -111,6 +112,9 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="DIR",
         help="boot from the A/B navigation tables here; a file upload.tbl put here is validated, staged and tried",
+    )
+    run.add_argument(
+        "--require-certificate", action="store_true", help="publish the state of an uncertified table as not valid"
     )
     run.set_defaults(action=_run)
 

@@ -17,7 +17,7 @@ from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.certificate import open_certificate
-from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
+from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause, Validity, Verdict
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
 from flightsw.integrity.time_to_flag import look_ahead
@@ -36,6 +36,7 @@ from flightsw.tables.service import TableService
 
 _BUS_ERROR = int(RejectCause.BUS_ERROR)
 _BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
+_TRUSTING = (int(Verdict.TRUSTED), int(Verdict.TRUSTED_COASTING))
 _SLIP_BIT = 1 << int(AlertId.TICK_SLIP)
 _UNCERTIFIED_BIT = 1 << int(AlertId.TABLE_UNCERTIFIED)
 
@@ -79,6 +80,8 @@ class MainLoop:
         self._slipped = False
         self._noted = 0  # alerts of what happens between ticks, told with the next one
         self.tables: TableService | None = None
+        self.require_certificate = False  # an uncertified table's state is then offered to nobody
+        self._verdict, self._validity = int(Verdict.NOT_READY), 0
         table = memory.table[0]
         self.period_ns = int(table["tick_period_ns"])
         self._ahead_steps = int(table["ahead_steps"])
@@ -154,7 +157,20 @@ class MainLoop:
         if self.port.is_off:
             alerts |= _BUS_OFF_BIT
         self._alerts = alerts
-        self.publisher.state(self.unix_ns(), out, self._fix_output["nis"][0], alerts, self.certificate)
+        self._verdict, self._validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
+        nis = self._fix_output["nis"][0]
+        self.publisher.state(self.unix_ns(), out, nis, alerts, self.certificate, self._verdict, self._validity)
+
+    def _judge(self, verdict: int, validity: int) -> tuple[int, int]:
+        """Verdict and validity as they are published: the step's, which knows no table without a certificate.
+
+        Such a table is never trusted in words. Its state stays valid for those who fly it, unless told otherwise.
+        """
+        if verdict in _TRUSTING and self.certificate == Certificate.UNCERTIFIED:
+            verdict = int(Verdict.NOT_CERTIFIED)
+            if self.require_certificate:
+                validity &= ~int(Validity.STATE_VALID)
+        return verdict, validity
 
     def _alert(self) -> None:
         if self._slipped:
@@ -166,7 +182,7 @@ class MainLoop:
         self.events.note(int(out[at["t_gps_ns"]]), self._happened, self._alerts, out[at["bound_m"]])
 
     def _telemetry_state(self) -> None:
-        self.telemetry.state(self.out, self._alerts)
+        self.telemetry.state(self.out, self._alerts, self._verdict, self._validity)
 
     def _telemetry_status(self) -> None:
         self.telemetry.status(
@@ -284,6 +300,7 @@ class MainLoop:
         memory.load_navigation(table.values)
         memory.nav["row"] = min(int(memory.nav["row"][0]), nav_row_last)
         certificate = open_certificate(table, None)
+        memory.load_envelope(certificate.values if certificate is not None else None)
         self.certificate = int(certificate.grade if certificate is not None else Certificate.UNCERTIFIED)
         record = memory.table[0]
         self._ahead_steps = int(record["ahead_steps"])

@@ -126,6 +126,7 @@ def run(
     table_key: Path | None = None,
     allow_saturating: bool = False,
     table_store: Path | None = None,
+    require_certificate: bool = False,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status.
 
@@ -166,6 +167,7 @@ def run(
             resumed,
             checkpoints,
         )
+        loop.require_certificate = require_certificate
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute

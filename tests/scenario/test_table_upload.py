@@ -97,9 +97,9 @@ def test_an_older_or_bad_upload_is_refused_and_the_old_image_flies_on(tmp_path: 
 
 
 def test_a_table_that_fails_on_trial_is_rolled_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """GIVEN a table whose noise makes the bound incomputable WHEN it flies THEN within its trial the old table and the
+    """GIVEN a table with which the bound cannot be computed WHEN it flies THEN within its trial the old table and the
     state of before are back, told; the bound is finite again and the pointer has not moved."""
-    poison = build_navigation("paper", {f"tuning.{row}.q_r_m2": 9.9e11 for row in (0, 1)})
+    poison = build_navigation("paper", {"limit_m": 1800.0})
     with Flight(load('flight.table_set="paper"')) as flight:
         service = equipped(flight, tmp_path)
         flight.fly(until_s=10.0)
