@@ -50,16 +50,16 @@ def add_arguments(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; returns 0."""
-    data = _data_folder()
+    data = data_folder()
     if args.action == "bench":
-        return run_bench(args, data, args.gravity or _gravity_of(data))
+        return run_bench(args, data, args.gravity or gravity_of(data))
     from ground.accuracy.orbits import read_orbit
     from ground.tables.build import parse_setting
 
     files = args.orbit or [data / name for name in ORBITS if (data / name).is_file()]
     if not files:
         raise OperatorError(f"no real orbits at {data}: set LEONAV_DATA to their folder or name files with --orbit")
-    gravity = args.gravity or _gravity_of(data)
+    gravity = args.gravity or gravity_of(data)
     asked = {"degree": args.degree, **dict(parse_setting(text) for text in args.settings)}
     for path in files:
         settings = {"area_to_mass_m2pkg": _area_to_mass(path), **asked}
@@ -74,12 +74,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _data_folder() -> Path:
+def data_folder() -> Path:
+    """Folder of real orbits and gravity fields: LEONAV_DATA, else beside the repository."""
     named = os.environ.get("LEONAV_DATA")
     return Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
-def _gravity_of(data: Path) -> Path | None:
+def gravity_of(data: Path) -> Path | None:
     """EGM2008 of the data folder; None, the packaged field, where it is not there."""
     return data / GRAVITY if (data / GRAVITY).is_file() else None
 

@@ -52,6 +52,7 @@ class Task(NamedTuple):
     settled_s: int = 6000
     speeds_mps: tuple[float, ...] = SPEEDS_MPS
     cases: tuple[str, ...] = (WITH_FIXES, IN_OUTAGE, LATE, TOO_LATE)
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -82,7 +83,7 @@ def fly(task: Task) -> list[Told]:
     """Fly one task. Raises OperatorError where data or tables do not allow it."""
     sky = arcs.sky(task.orbit, task.along_s, task.gravity)
     noise = arcs.stream(6, task.seed, list(arcs.ALL_ORBITS).index(task.orbit))
-    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise)
+    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise, dict(task.overrides))
     found = []
     last = len(sky) - OUTAGE_S - RETURN_S
     for start in np.linspace(task.settled_s, last, task.starts + 1)[:-1].astype(int).tolist():
@@ -154,6 +155,7 @@ class LeverTask(NamedTuple):
     table_set: str = "flight"
     length_s: float = 18_000.0
     settled_s: float = 6000.0
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -199,7 +201,7 @@ def _mean_error(task: LeverTask, settings: tuple[str, ...]) -> np.ndarray:
     low = ("gnss.sigma_position_m=0.05", "gnss.sigma_velocity_mps=0.001", f"time.duration_s={task.length_s!r}")
     prepared = prepare(case.orbit.scenario, (*case.scenario_settings(0), *low, *settings), COARSE_TICK_NS)
     memory = Memory()
-    memory.load(prepared.table().values, prepared.orientation.values)
+    memory.load(prepared.table(dict(task.overrides)).values, prepared.orientation.values)
     memory.load_forces(*(decode(table).values for table in force_tables(case, prepared.world.t_start_gps_ns)))
     inputs, ticks = prepared.inputs
     outputs = arcs.fly(memory, inputs)[np.r_[np.flatnonzero(np.diff(ticks)), len(ticks) - 1]]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.studies import filter_command
 
 HELP = "fly an outage from many start phases and summarise error, flag and bound"
 _SCENARIOS = {"paper": "paper_outage", "j2": "j2_outage"}
@@ -30,7 +31,8 @@ _LINES = (
 def add_arguments(subparsers: Any) -> None:
     """The parser of `ground study`."""
     parser = subparsers.add_parser("study", help=HELP, description=HELP)
-    parser.add_argument("name", choices=[*sorted(_SCENARIOS), _RECORDED], metavar="STUDY", help="paper, j2 or graceb")
+    names = [*sorted(_SCENARIOS), _RECORDED, *filter_command.STUDIES]
+    parser.add_argument("name", choices=names, metavar="STUDY", help=", ".join(names))
     parser.add_argument("--runs", type=int, metavar="N", help="seeds and start phases (default 20)")
     parser.add_argument("--sigma", type=float, metavar="M", help="position noise of the fixes per axis [m]")
     parser.add_argument(
@@ -43,6 +45,7 @@ def add_arguments(subparsers: Any) -> None:
     )
     parser.add_argument("--jobs", type=int, metavar="N", help="processes to fly in (default: 2, or 1 on one processor)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run and the summary to this file")
+    filter_command.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,6 +56,9 @@ def run(args: argparse.Namespace) -> int:
         raise OperatorError(f"--jobs {args.jobs}: give 1 or more")
     if args.json is not None and not args.json.parent.is_dir():
         raise OperatorError(f"--json {args.json}: no such folder; make it, or name another file")
+    if args.name in filter_command.STUDIES:
+        return filter_command.run(args)
+    filter_command.refuse(args)
     if args.name == _RECORDED:
         return _run_recorded(args)
     from ground.studies.flights import each, pool, progress_bar, usual_jobs

@@ -55,6 +55,7 @@ class Ramps(NamedTuple):
     directions: int = 2
     watched_s: int = 600
     seed: int = 0
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -65,6 +66,7 @@ class Frames(NamedTuple):
     seed: int
     axis: str
     table_set: str
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -107,7 +109,7 @@ def fly_ramps(task: Ramps) -> list[Ramp]:
     """All ramps of one flight."""
     sky = arcs.sky(task.orbit, task.along_s, task.gravity)
     noise = arcs.stream(4, task.seed, list(arcs.ALL_ORBITS).index(task.orbit))
-    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise)
+    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise, dict(task.overrides))
     found = []
     age_s = np.arange(task.watched_s)[:, None]
     for start in range(task.settled_s, len(sky) - task.watched_s, task.spacing_s):
@@ -165,7 +167,7 @@ def fly_frames(task: Frames) -> Struck:
     )
     prepared = prepare(case.orbit.scenario, settings, COARSE_TICK_NS)
     memory = Memory()
-    memory.load(prepared.table().values, prepared.orientation.values)
+    memory.load(prepared.table(dict(task.overrides)).values, prepared.orientation.values)
     memory.load_forces(*(decode(table).values for table in force_tables(case, prepared.world.t_start_gps_ns)))
     return _struck(task, name, prepared, arcs.fly(memory, prepared.inputs[0]))
 
@@ -212,7 +214,7 @@ def summarise_ramps(ramps: Iterable[Ramp]) -> list[dict[str, Any]]:
                 "speed_mps": speed,
                 "runs": len(some),
                 "found_in_time": sum(one.found_s <= WANTED_S for one in some),
-                "found": sum(np.isfinite(one.found_s) for one in some),
+                "found": sum(bool(np.isfinite(one.found_s)) for one in some),
                 "misnamed_first": sum(one.misnamed_s < one.found_s for one in some),
                 "neither": sum(not np.isfinite(min(one.found_s, one.misnamed_s)) for one in some),
                 "found_s": quantiles(one.found_s for one in some),
@@ -298,8 +300,10 @@ def _three(spread: dict[str, float | None], digits: int) -> str:
 
 def as_document(ramps: list[Ramp], struck: list[Struck]) -> dict[str, Any]:
     """Plain numbers for a JSON file; a time that was not reached is None."""
-    rows = [asdict(one) for one in (*ramps, *struck)]
-    plain = [{k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in row.items()} for row in rows]
+    plain = [
+        {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in row.items()}
+        for row in ([asdict(one) for one in ramps] + [asdict(one) for one in struck])
+    ]
     summaries = summarise_ramps(ramps), summarise_frames(struck)
     return {
         "ramps": summaries[0],

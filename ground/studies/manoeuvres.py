@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flightsw.icd.alerts import AlertId
-from ground.accuracy.bench_summary import steady_again_s
+from ground.accuracy.bench_summary import chance_of_a_late_return, steady_again_s
 from ground.studies import arcs
 from ground.studies.false_fixes import DOUBT, MANOEUVRE, SLOW_FAULT, first, quantiles
 from ground.studies.kicks import Burn, kicked
@@ -54,6 +54,7 @@ class Task(NamedTuple):
     settled_s: int = 6000
     watched_s: int = 1200
     speeds_mps: tuple[float, ...] = SPEEDS_MPS
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -85,7 +86,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Healthy:
-    """One long flight without a burn, from settled_s on. excesses: how often the statistic rose above THRESHOLDS."""
+    """One long flight without a burn, from settled_s on. excesses: how often the statistic rose above THRESHOLDS.
+
+    late_by_chance: share of all instants of it from which the yardstick of a return would say "late".
+    """
 
     orbit: str
     sigma_m: float
@@ -98,6 +102,7 @@ class Healthy:
     excesses: tuple[int, ...]
     largest_statistic: float
     beyond_s: int
+    late_by_chance: float | None
 
 
 def fly(task: Task) -> tuple[Healthy, list[Found]]:
@@ -105,7 +110,8 @@ def fly(task: Task) -> tuple[Healthy, list[Found]]:
     sky = arcs.sky(task.orbit, task.along_s, task.gravity)
     number = list(arcs.ALL_ORBITS).index(task.orbit)
     noise = arcs.stream(5, task.seed, number, round(task.sigma_m * 1000))
-    flight = arcs.Flight(sky, task.table_set, arcs.Receiver(task.sigma_m, task.sigma_mps), noise)
+    receiver = arcs.Receiver(task.sigma_m, task.sigma_mps)
+    flight = arcs.Flight(sky, task.table_set, receiver, noise, dict(task.overrides))
     last = len(sky) - task.watched_s
     parts = []
     for start in np.linspace(task.settled_s, last, task.starts + 1)[:-1].astype(int).tolist():
@@ -156,18 +162,20 @@ def _healthy(task: Task, flight: arcs.Flight) -> Healthy:
     outputs = flight.outputs[task.settled_s :]
     error = arcs.Errors.of(flight.track, flight.outputs)
     statistic = outputs["monitor_statistic"]
+    rms_m = float(np.sqrt(np.mean(error.all_m[task.settled_s :] ** 2)))
     return Healthy(
         task.orbit,
         task.sigma_m,
         task.seed,
         len(outputs) / 86_400.0,
-        float(np.sqrt(np.mean(error.all_m[task.settled_s :] ** 2))),
+        rms_m,
         int(np.sum((outputs["events"] & MANOEUVRE) != 0)),
         int(np.sum((outputs["events"] & SLOW_FAULT) != 0)),
         rises((outputs["alerts"] & DOUBT) != 0),
         tuple(rises(statistic > threshold) for threshold in THRESHOLDS),
         float(statistic.max()),
         int(np.sum(~(error.axis_m[task.settled_s :] <= outputs["bound_m"]))),
+        chance_of_a_late_return(error.all_m[task.settled_s :], rms_m),
     )
 
 
@@ -208,8 +216,8 @@ def summarise(found: Iterable[Found], threshold: float = 40.0) -> list[dict[str,
                 "alert_s": quantiles(one.alert_s for one in some),
                 "alert_in_time": sum(one.alert_s <= WANTED_S for one in some),
                 "named_s": quantiles(one.named_s for one in some),
-                "named": sum(np.isfinite(one.named_s) for one in some),
-                "wrong": sum(np.isfinite(one.wrong_s) for one in some),
+                "named": sum(bool(np.isfinite(one.named_s)) for one in some),
+                "wrong": sum(bool(np.isfinite(one.wrong_s)) for one in some),
                 "never": sum(not np.isfinite(one.alert_s) for one in some),
                 "largest_m": quantiles(one.largest_m for one in some),
                 "before": max(one.before for one in some),

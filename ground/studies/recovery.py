@@ -47,6 +47,7 @@ class Task(NamedTuple):
     plan: Plan
     seed: int = 0
     limit: int | None = None
+    overrides: tuple[tuple[str, Any], ...] = ()
     gravity: Path | None = None
 
 
@@ -54,7 +55,7 @@ class Task(NamedTuple):
 class Return:
     """One return of fixes. Errors 3-D [m], times from the first fix again [s]; infinite where it did not happen.
 
-    taken_s: until a fix is used. sigmas: the largest-axis error at the end of the outage by that of its bound / 4.
+    taken_s: until a fix is used. error_to_bound: largest axis as fixes come back, by the bound at that time.
     restarted, alarmed: the state was given up; a fault was found, of which there was none.
     """
 
@@ -80,7 +81,7 @@ def fly(task: Task) -> list[Return]:
     sky = arcs.sky(task.orbit, plan.along_s, task.gravity)
     number = list(arcs.ALL_ORBITS).index(task.orbit)
     noise = arcs.stream(3, task.seed, number)
-    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise)
+    flight = arcs.Flight(sky, task.table_set, arcs.WHITE, noise, dict(task.overrides))
     last = len(sky) - plan.outages_s[-1] - plan.return_s
     starts = list(range(plan.settled_s, last, plan.spacing_s))[: task.limit]
     parts: list[tuple[int, int, str, np.ndarray, np.ndarray]] = []
@@ -185,7 +186,7 @@ def summarise(returns: Iterable[Return]) -> list[Summary]:
     for length, kind in dict.fromkeys((one.outage_s, one.kind) for one in everything):
         some = [one for one in everything if (one.outage_s, one.kind) == (length, kind)]
         ok = [
-            (np.isfinite(one.taken_s), one.near_s <= NEAR_S, one.steady_s <= STEADY_S and not one.restarted)
+            (bool(np.isfinite(one.taken_s)), one.near_s <= NEAR_S, one.steady_s <= STEADY_S and not one.restarted)
             for one in some
         ]
         found.append(
@@ -194,8 +195,12 @@ def summarise(returns: Iterable[Return]) -> list[Summary]:
                 kind,
                 len(some),
                 sum(all(three) for three in ok),
-                *(int(sum(three[k] for three in ok)) for k in range(3)),
-                *(float(max(getattr(one, name) for one in some)) for name in ("taken_s", "near_s", "steady_s")),
+                sum(three[0] for three in ok),
+                sum(three[1] for three in ok),
+                sum(three[2] for three in ok),
+                max(one.taken_s for one in some),
+                max(one.near_s for one in some),
+                max(one.steady_s for one in some),
                 float(np.median([one.error_m for one in some])),
                 float(max(one.error_m for one in some)),
                 float(max(one.largest_from_60_s_m for one in some)),

@@ -1,0 +1,79 @@
+"""`ground certify`: fly a fresh ensemble of outages, and say what it proves of a set's bound."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ground.errors import OperatorError
+
+HELP = "fly a fresh ensemble of outages and say with what confidence a set's bound holds"
+USUAL_RUNS = 12_000
+STOPPED = 130  # exit status after an interrupt, as of a shell
+
+
+def add_arguments(subparsers: Any) -> None:
+    """The parser of `ground certify`."""
+    parser = subparsers.add_parser("certify", help=HELP, description=HELP)
+    parser.add_argument("--set", dest="table_set", default="flight", metavar="NAME", help="table set (default flight)")
+    parser.add_argument("--runs", type=int, metavar="N", help=f"outages (default {USUAL_RUNS}; with --quick 48)")
+    parser.add_argument(
+        "--quick", action="store_true", help="short outages after short acquisitions: never a certificate"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder (default runs/certify/NAME); resumed if it has an open attempt"
+    )
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes to fly in (default: 2, or 1 on one processor)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="fly on a Dask cluster instead, for example tcp://host:8786")
+    parser.add_argument("--chunk", type=int, default=20, metavar="N", help="runs that are kept at a time (default 20)")
+    parser.add_argument("--again", action="store_true", help="a new attempt even though the last one is finished")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly, write, print, return 0; targets that are missed are said, and are no error."""
+    for name, least in (("runs", 1), ("jobs", 1), ("chunk", 1)):
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise OperatorError(f"--{name} {value}: give {least} or more")
+    folder = args.out if args.out is not None else Path("runs") / "certify" / args.table_set
+    if folder.exists() and not folder.is_dir():
+        raise OperatorError(f"--out {folder}: is a file; name a folder")
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from ground.campaign import certify, pictures, report
+    from ground.studies.flights import usual_jobs
+
+    ensemble = certify.ensemble_of(args.table_set, args.quick)
+    runs = args.runs if args.runs is not None else certify.QUICK_RUNS if args.quick else USUAL_RUNS
+    jobs = args.jobs if args.jobs is not None else usual_jobs()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    try:
+        with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
+            task = progress.add_task("flying outages", total=runs)
+            found = certify.certify(
+                folder,
+                args.table_set,
+                ensemble,
+                runs,
+                lambda n: progress.advance(task, n),
+                args.quick,
+                args.again,
+                jobs=jobs,
+                dask=args.dask,
+                chunk_runs=args.chunk,
+            )
+    except KeyboardInterrupt:
+        print("\nstopped; finished outages are kept, the same command goes on from there", file=sys.stderr)
+        return STOPPED
+    drawn = pictures.draw(found, folder / "figures")
+    written = report.write(folder, found.document, found.targets, drawn)
+    for line in report.verdict(found.document, found.targets):
+        print(line)
+    for target in found.targets:
+        if target.met is False:
+            print(f"  missed: {target.what}: {target.measured}, wanted {target.wanted}")
+    print(f"written: {written}, {folder / certify.CERTIFICATE}")
+    return 0
