@@ -201,7 +201,7 @@ class TableService:
 
     def _stage(self, raw: bytes, t_now_gps_ns: int, policy: Policy, activate: bool) -> Iterator[None]:
         yield
-        table = accept_in_flight(raw, self.active, t_now_gps_ns, policy)
+        table = yield from accept_in_flight(raw, self.active, t_now_gps_ns, policy)
         yield
         if self._store is not None:
             yield from self._store.write(other(self._slot), raw)

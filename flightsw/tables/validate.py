@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 from flightsw.icd.certificate import open_certificate
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
-from flightsw.icd.table_saturation import saturation
+from flightsw.icd.table_saturation import saturation_in_slices
 from flightsw.icd.table_schema import NAVIGATION
 from flightsw.tables import stimulus
 
@@ -30,6 +31,19 @@ DEFAULT_POLICY = Policy()
 
 def accept(raw: bytes, policy: Policy) -> TableImage:
     """A table that may fly from a start; TableRefused with the reason. Its stimulus is preflight's to replay."""
+    return _drain(_accept(raw, policy))
+
+
+def _drain(work: Generator[None, None, TableImage]) -> TableImage:
+    while True:
+        try:
+            next(work)
+        except StopIteration as end:
+            table: TableImage = end.value
+            return table
+
+
+def _accept(raw: bytes, policy: Policy) -> Generator[None, None, TableImage]:
     table = decode(raw)
     if table.kind != NAVIGATION.name:
         raise TableRefused(f"holds a table of kind {table.kind}; {NAVIGATION.name} is needed here")
@@ -38,7 +52,7 @@ def accept(raw: bytes, policy: Policy) -> TableImage:
     block = open_certificate(table, policy.key)
     if not policy.allow_saturating:
         age_s = float(block.values["certified_age_s"][0]) if block is not None else 0.0
-        if found := saturation(table.values, age_s):
+        if found := (yield from saturation_in_slices(table.values, age_s)):
             raise TableRefused("; also ".join(found))
     return table
 
@@ -46,25 +60,28 @@ def accept(raw: bytes, policy: Policy) -> TableImage:
 def accept_at_start(raw: bytes, policy: Policy) -> TableImage:
     """As `accept`, and its stimulus is replayed: the kernels must be warm."""
     table = accept(raw, policy)
-    _replay(table)
+    for _ in _replay(table):
+        pass
     return table
 
 
-def _replay(table: TableImage) -> None:
+def _replay(table: TableImage) -> Iterator[None]:
     block = open_certificate(table, None)
     if block is not None and block.stimulus:
         try:
-            stimulus.check(block.stimulus, table.values)
+            yield from stimulus.check_in_slices(block.stimulus, table.values)
         except stimulus.StimulusRefused as error:
             raise TableRefused(str(error)) from error
 
 
-def accept_in_flight(raw: bytes, active: TableImage, t_now_gps_ns: int, policy: Policy) -> TableImage:
-    """A table that may take the place of `active`; TableRefused with the reason.
+def accept_in_flight(
+    raw: bytes, active: TableImage, t_now_gps_ns: int, policy: Policy
+) -> Generator[None, None, TableImage]:
+    """A table that may take the place of `active`, after a few milliseconds of work at each turn.
 
-    t_now_gps_ns: onboard time, 0 while it is not known.
+    Raises TableRefused with the reason. t_now_gps_ns: onboard time, 0 while it is not known.
     """
-    table = accept(raw, policy)
+    table = yield from _accept(raw, policy)
     _check_validity(table, t_now_gps_ns)
     if not policy.older:
         _check_order(table, active)
@@ -75,7 +92,7 @@ def accept_in_flight(raw: bytes, active: TableImage, t_now_gps_ns: int, policy: 
     for name in _STATES_OF:
         if (active.values[name][0] > 0.0) != (table.values[name][0] > 0.0):
             raise TableRefused(f"{name} brings or takes away filter states: cannot change in flight; restart with it")
-    _replay(table)
+    yield from _replay(table)
     return table
 
 
