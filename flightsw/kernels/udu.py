@@ -23,11 +23,11 @@ def factorise(p, n, ud):
         if not (d >= 0.0) or d == math.inf:  # NaN fails the first comparison
             return False
         for i in range(j):
-            column = ud[i, j]
-            u = column / d if d > 0.0 else 0.0
-            for k in range(i + 1):
+            if d == 0.0 and ud[i, j] != 0.0:  # what does not vary is correlated with nothing
+                return False
+            u = ud[i, j] / d if d > 0.0 else 0.0
+            for k in range(i + 1):  # the column is scaled afterwards: it serves the rows below this one
                 ud[k, i] -= u * ud[k, j]
-            ud[i, j] = column  # the unscaled column serves the rows below this one
         for i in range(j):
             ud[i, j] = ud[i, j] / d if d > 0.0 else 0.0
     for i in range(n):

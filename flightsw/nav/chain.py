@@ -17,8 +17,6 @@ from flightsw.records import HISTORY, MEASUREMENTS
 FILTER = int(DaSource.FILTER)
 STORED = int(DaSource.STORED)
 HELD = int(DaSource.HELD)
-# a burn that has ended is kept while a late fix may go back behind it
-_BURN_KEPT_NS = 60_000_000_000
 
 
 @kernel
@@ -199,34 +197,41 @@ def advance(nav, table, model, work):
 @kernel
 def catch_up(nav, table, model, slot, work):
     """A burn that had begun when it was announced: bring the newest epoch and all before it up to it."""
+    start_gps_ns = nav.burn_start_gps_ns[slot]
+    passed_s = (nav.t_gps_ns - start_gps_ns) * 1e-9
+    rate_radps = flight_model.orbital_rate_radps(nav.x)
     flight_model.rtn_basis(nav.x, work.burn_rtn)
-    _catch_up_epoch(nav, nav.burn_start_gps_ns[slot], slot, nav.t_gps_ns, nav.x, work)
-    passed_s = (nav.t_gps_ns - nav.burn_start_gps_ns[slot]) * 1e-9
-    if passed_s > 0.0:
-        if table.filter_model == flight_model.FLIGHT:
-            flight_filter.widen_by_burn(nav, table, slot, passed_s, work)
-        else:
-            manoeuvre.add_noise(nav, nav.burn_start_gps_ns[slot], passed_s, nav.P)
-            manoeuvre.add_noise(nav, nav.burn_start_gps_ns[slot], passed_s, nav.P_bound)
+    flight_model.turn_rtn(work.burn_rtn, -rate_radps * passed_s)  # as it was when the burn began
+    if passed_s > 0.0 and table.filter_model != flight_model.FLIGHT:
+        manoeuvre.add_noise(nav, start_gps_ns, passed_s, nav.P_bound)
+    _catch_up_epoch(nav, table, slot, nav.t_gps_ns, rate_radps, nav.x, nav.P, nav.UD, work)
     for back in range(nav.history_count):
         k = (nav.history_first + back) % HISTORY
-        _catch_up_epoch(nav, nav.burn_start_gps_ns[slot], slot, nav.history_t_gps_ns[k], nav.history_x[k], work)
+        t_gps_ns = nav.history_t_gps_ns[k]
+        x = nav.history_x[k]
+        _catch_up_epoch(nav, table, slot, t_gps_ns, rate_radps, x, nav.history_P[k], nav.history_UD[k], work)
     settle(nav, table, model, work)
 
 
 @kernel
-def _catch_up_epoch(nav, start_gps_ns, slot, t_gps_ns, x, work):
+def _catch_up_epoch(nav, table, slot, t_gps_ns, rate_radps, x, p, ud, work):
+    """Add what has passed of the burn to the state and covariance of an epoch; work.burn_rtn is that of its start."""
+    start_gps_ns = nav.burn_start_gps_ns[slot]
     passed_s = (t_gps_ns - start_gps_ns) * 1e-9
     if passed_s <= 0.0:
         return
-    work.burn_dr_m[:] = 0.0
-    work.burn_dv_mps[:] = 0.0
-    manoeuvre.displacement(
-        nav, slot, start_gps_ns, passed_s, work.burn_rtn, work.three, work.burn_dr_m, work.burn_dv_mps
-    )
+    dr = work.burn_dr_m
+    dv = work.burn_dv_mps
+    dr[:] = 0.0
+    dv[:] = 0.0
+    manoeuvre.displacement(nav, slot, start_gps_ns, passed_s, work.burn_rtn, rate_radps, work.three, dr, dv)
     for i in range(3):
-        x[i] += work.burn_dr_m[i]
-        x[3 + i] += work.burn_dv_mps[i]
+        x[i] += dr[i]
+        x[3 + i] += dv[i]
+    if table.filter_model == flight_model.FLIGHT:
+        flight_filter.widen_by_burn(nav, table, slot, passed_s, ud, work)
+    else:
+        manoeuvre.add_noise(nav, start_gps_ns, passed_s, p)
 
 
 @kernel
@@ -275,7 +280,7 @@ def predict_to(nav, table, model, t_gps_ns, work):
 
 @kernel
 def commit_aside(nav, table, model, t_gps_ns, work):
-    """As `commit` for a velocity without a position: the state is corrected, the age of the last fix runs on."""
+    """As `commit` where no position was used: the state is another, the age of the last fix runs on."""
     t_fix_gps_ns = nav.t_fix_gps_ns
     row = nav.row
     commit(nav, table, model, t_gps_ns, row, work)
@@ -293,7 +298,7 @@ def commit(nav, table, model, t_gps_ns, row, work):
     else:
         nav.P[:, :] = work.P
         nav.P_bound[:, :] = work.P
-    manoeuvre.forget_past(nav, t_gps_ns - _BURN_KEPT_NS)
+    manoeuvre.forget_past(nav, t_gps_ns - manoeuvre.KEPT_NS)
     nav.unmodelled = 0
     nav.history_count = 0
     nav.da_source = FILTER

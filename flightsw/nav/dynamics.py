@@ -33,15 +33,17 @@ def advance(nav, table, model, t_gps_ns, x, dt_ns, pole, work):
     """
     dt_s = dt_ns * 1e-9
     burning = manoeuvre.is_active(nav, t_gps_ns, dt_s)
+    rate_radps = 0.0
     if burning:
         flight_model.rtn_basis(x, work.burn_rtn)
+        rate_radps = flight_model.orbital_rate_radps(x)
     ok = True
     if table.filter_model != flight_model.FLIGHT:
         integrators.advance(table, x, dt_s, pole, work.stages)
     else:
         ok = _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work)
     if burning:
-        manoeuvre.apply(nav, t_gps_ns, dt_s, work.burn_rtn, work, x)
+        manoeuvre.apply(nav, t_gps_ns, dt_s, work.burn_rtn, rate_radps, work, x)
     return ok
 
 

@@ -154,7 +154,8 @@ def process(nav, table, model, inp, work, out):
         _declare_unreliable(nav, out, _DIVERGED)
         return _SINGULAR
     if cause != USED:
-        if cause == _OPERATOR and out.type_cause[_VELOCITY] == USED:
+        velocity_alone = cause == _OPERATOR and out.type_cause[_VELOCITY] == USED
+        if velocity_alone or out.events & flight_filter.ACTED:
             chain.commit_aside(nav, table, model, t_gps_ns, work)
         if cause != _STARTING:
             nav.streak = 0

@@ -26,6 +26,7 @@ _OPENING = 0.4
 _EARLY_S = 30.0
 _COURSE = 0.3
 
+ACTED = _SLOW_FAULT | _MANOEUVRE  # events that change the state, even where the fix itself was refused
 USED = measurement.USED
 ABSENT = measurement.ABSENT
 
@@ -42,20 +43,20 @@ def widen(table, ud, c, position, velocity, variance, work):
 
 
 @kernel
-def widen_by_burn(nav, table, slot, passed_s, work):
-    """Uncertainty of the part of an announced burn that had passed when it was announced; work.burn_rtn is set."""
+def widen_by_burn(nav, table, slot, passed_s, ud, work):
+    """Add to `ud` the uncertainty of the part of a burn that had passed when it was announced; work.burn_rtn is set."""
     share = passed_s / (nav.burn_duration_ns[slot] * 1e-9)
     acting_s = min(passed_s, nav.burn_duration_ns[slot] * 1e-9)
     reach_s = passed_s - 0.5 * acting_s
     n = flight_model.states(table)
-    _load(nav.UD, n, work)
+    _load(ud, n, work)
     for j in range(3):
         manoeuvre.axis_gcrf(nav, slot, j, work.burn_rtn, work.three)
         for i in range(3):
             work.W[i, n + j] = reach_s * work.three[i]
             work.W[3 + i, n + j] = work.three[i]
         work.q[n + j] = min(share, 1.0) * nav.burn_sigma_mps[slot, j] ** 2
-    udu.orthogonalise(work.W, work.q, n, (n + 6) // 4 * 4, work.scaled, nav.UD)
+    udu.orthogonalise(work.W, work.q, n, (n + 6) // 4 * 4, work.scaled, ud)
 
 
 @kernel

@@ -18,7 +18,7 @@ import math
 from flightsw.kernels import udu
 from flightsw.kernels.registry import kernel
 from flightsw.nav import manoeuvre
-from flightsw.records import DYNAMIC_STATES, NOISE_WIDTH, STATES
+from flightsw.records import BURNS, DYNAMIC_STATES, NOISE_WIDTH, STATES
 
 PAPER = 0
 FLIGHT = 1
@@ -34,6 +34,7 @@ _NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 # and two points: exact to degree three, enough for white accelerations
 _NODES_WHITE = (0.21132486540518713, 0.7886751345948129)
+_WHOLE_BURNS = 2  # records.NOISE_WIDTH has twelve columns for burns: six each, or three each of four
 
 
 @kernel
@@ -63,6 +64,18 @@ def rtn_basis(x, out):
     out[0, 1] = out[1, 2] * out[2, 0] - out[2, 2] * out[1, 0]
     out[1, 1] = out[2, 2] * out[0, 0] - out[0, 2] * out[2, 0]
     out[2, 1] = out[0, 2] * out[1, 0] - out[1, 2] * out[0, 0]
+
+
+@kernel
+def turn_rtn(rtn, angle_rad):
+    """The basis of `rtn_basis` so far on along the orbit, in place."""
+    c = math.cos(angle_rad)
+    s = math.sin(angle_rad)
+    for i in range(3):
+        radial = rtn[i, 0]
+        along = rtn[i, 1]
+        rtn[i, 0] = c * radial + s * along
+        rtn[i, 1] = c * along - s * radial
 
 
 @kernel
@@ -170,39 +183,52 @@ def _add_markov(work, at, d0, d1, d2, state, sigma, tau_s, dt_s):
 
 
 @kernel
+def _add_kick(work, at, d0, d1, d2, variance, reach_s):
+    """A column: a change of velocity along (d0, d1, d2) that has moved the satellite for reach_s. Returns the next."""
+    w = work.W
+    w[0, at] = reach_s * d0
+    w[1, at] = reach_s * d1
+    w[2, at] = reach_s * d2
+    w[3, at] = d0
+    w[4, at] = d1
+    w[5, at] = d2
+    work.q[at] = variance
+    return at + 1
+
+
+@kernel
 def _add_white(work, at, d0, d1, d2, density, dt_s, tail_s):
     """Two columns: white acceleration over dt, followed by tail_s without it. Returns the next column."""
     for node in range(2):
-        s = tail_s + _NODES_WHITE[node] * dt_s
-        w = work.W
-        w[0, at] = s * d0
-        w[1, at] = s * d1
-        w[2, at] = s * d2
-        w[3, at] = d0
-        w[4, at] = d1
-        w[5, at] = d2
-        work.q[at] = 0.5 * dt_s * density
-        at += 1
+        at = _add_kick(work, at, d0, d1, d2, 0.5 * dt_s * density, tail_s + _NODES_WHITE[node] * dt_s)
     return at
 
 
 @kernel
 def _add_burns(nav, t_gps_ns, dt_s, work, at):
-    """Uncertainty of announced burns that act within the step, as white acceleration of the same final variance."""
-    spare = 12
-    for k in range(nav.burn_duration_ns.shape[0]):
-        if nav.burn_duration_ns[k] == 0 or spare == 0:
+    """Uncertainty of announced burns that act within the step, as white acceleration of the same final variance.
+
+    There is room for the columns of two: where more of them act at once, each is a kick in the middle of its time.
+    """
+    active = 0
+    for k in range(BURNS):
+        if nav.burn_duration_ns[k] > 0 and manoeuvre.overlap_s(nav, k, t_gps_ns, dt_s)[0] > 0.0:
+            active += 1
+    for k in range(BURNS):
+        if nav.burn_duration_ns[k] == 0:
             continue
         acting_s, tail_s = manoeuvre.overlap_s(nav, k, t_gps_ns, dt_s)
         if acting_s <= 0.0:
             continue
-        spare -= 6
         share = 1.0 / (nav.burn_duration_ns[k] * 1e-9)
         for axis in range(_AXES):
             d = work.three
             manoeuvre.axis_gcrf(nav, k, axis, work.rtn, d)
             density = nav.burn_sigma_mps[k, axis] ** 2 * share
-            at = _add_white(work, at, d[0], d[1], d[2], density, acting_s, tail_s)
+            if active <= _WHOLE_BURNS:
+                at = _add_white(work, at, d[0], d[1], d[2], density, acting_s, tail_s)
+            else:
+                at = _add_kick(work, at, d[0], d[1], d[2], density * acting_s, tail_s + 0.5 * acting_s)
     return at
 
 

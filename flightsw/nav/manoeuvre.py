@@ -6,6 +6,8 @@ the gravity gradient makes of it within the step is below 1e-7 of it. A burn tha
 
 from __future__ import annotations
 
+import math
+
 from flightsw.icd.enums import BurnFrame, RejectCause
 from flightsw.kernels.registry import kernel
 from flightsw.records import BURNS
@@ -15,6 +17,9 @@ _GCRF = int(BurnFrame.GCRF)
 _LATE = int(RejectCause.BURN_LATE)
 _INVALID = int(RejectCause.BURN_INVALID)
 _CENTURY_NS = 3_155_760_000_000_000_000
+
+# a burn that has ended is kept while a late fix may go back behind it
+KEPT_NS = 60_000_000_000
 
 KNOWN = -1
 REFUSED = -2
@@ -41,15 +46,26 @@ def axis_gcrf(nav, k, axis, rtn, out):
 
 
 @kernel
-def displacement(nav, k, t_gps_ns, dt_s, rtn, axis, dr_m, dv_mps):
-    """What burn k adds to r and v [m, m/s, GCRF] over [t, t + dt]; `axis` (3,) is scratch. Adds to dr_m, dv_mps."""
+def displacement(nav, k, t_gps_ns, dt_s, rtn, rate_radps, axis, dr_m, dv_mps):
+    """What burn k adds to r and v [m, m/s, GCRF] over [t, t + dt]; `axis` (3,) is scratch. Adds to dr_m, dv_mps.
+
+    `rtn` is the basis of the orbit at t, which turns at `rate_radps`: a burn in RTN has the axes of its middle.
+    """
     acting_s, tail_s = overlap_s(nav, k, t_gps_ns, dt_s)
     if acting_s <= 0.0:
         return
     share = acting_s / (nav.burn_duration_ns[k] * 1e-9)
+    turned = rate_radps * (dt_s - tail_s - 0.5 * acting_s) if nav.burn_frame[k] == _RTN else 0.0
+    c = math.cos(turned)
+    s = math.sin(turned)
+    given = nav.burn_dv_mps[k]
     for j in range(3):
         axis_gcrf(nav, k, j, rtn, axis)
-        dv = share * nav.burn_dv_mps[k, j]
+        dv = share * given[j]
+        if j == 0:
+            dv = share * (c * given[0] - s * given[1])
+        elif j == 1:
+            dv = share * (s * given[0] + c * given[1])
         for i in range(3):
             dv_mps[i] += dv * axis[i]
             dr_m[i] += dv * axis[i] * (0.5 * acting_s + tail_s)
@@ -66,15 +82,15 @@ def is_active(nav, t_gps_ns, dt_s):
 
 
 @kernel
-def apply(nav, t_gps_ns, dt_s, rtn, work, x):
-    """Add all burns over [t, t + dt] to x in place."""
+def apply(nav, t_gps_ns, dt_s, rtn, rate_radps, work, x):
+    """Add all burns over [t, t + dt] to x in place; `rtn` is the basis of the orbit at t, which turns at the rate."""
     dr = work.burn_dr_m
     dv = work.burn_dv_mps
     dr[:] = 0.0
     dv[:] = 0.0
     for k in range(BURNS):
         if nav.burn_duration_ns[k] > 0:
-            displacement(nav, k, t_gps_ns, dt_s, rtn, work.three, dr, dv)
+            displacement(nav, k, t_gps_ns, dt_s, rtn, rate_radps, work.three, dr, dv)
     for i in range(3):
         x[i] += dr[i]
         x[3 + i] += dv[i]
@@ -154,6 +170,7 @@ def announce(nav, table, inp, t_now_gps_ns):
         return REFUSED - _LATE
     if inp.burn_start_gps_ns > t_now_gps_ns + int(table.burn_ahead_max_s * 1e9):
         return REFUSED - _INVALID
+    forget_past(nav, (nav.t_gps_ns if nav.initialised else t_now_gps_ns) - KEPT_NS)
     slot = -1
     for k in range(BURNS):
         if nav.burn_duration_ns[k] > 0 and nav.burn_id[k] == inp.burn_id:

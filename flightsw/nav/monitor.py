@@ -233,8 +233,13 @@ def fault_size(nav, k, work):
     size[2] = y[2] / lower[2, 2]
     size[1] = (y[1] - lower[2, 1] * size[2]) / lower[1, 1]
     size[0] = (y[0] - lower[1, 0] * size[1] - lower[2, 0] * size[2]) / lower[0, 0]
-    smallest = min(lower[0, 0], min(lower[1, 1], lower[2, 2]))
-    return math.sqrt(3.0) / smallest
+    largest = 0.0
+    for i in range(3):  # of J^-1 = L^-T L^-1: each element of its diagonal is a column of L^-1, squared
+        for j in range(3):
+            y[j] = 1.0 if i == j else 0.0
+        solve_lower(lower, y, y)
+        largest = max(largest, y[0] * y[0] + y[1] * y[1] + y[2] * y[2])
+    return math.sqrt(largest)
 
 
 @kernel

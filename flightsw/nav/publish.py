@@ -75,7 +75,8 @@ def _state_at(nav, table, t_gps_ns, work, out):
     rk4(table, x, dt_s, nav.pole, work.stages)
     if manoeuvre.is_active(nav, nav.t_gps_ns, dt_s):
         flight_model.rtn_basis(nav.x, work.burn_rtn)
-        manoeuvre.apply(nav, nav.t_gps_ns, dt_s, work.burn_rtn, work, x)
+        rate_radps = flight_model.orbital_rate_radps(nav.x)
+        manoeuvre.apply(nav, nav.t_gps_ns, dt_s, work.burn_rtn, rate_radps, work, x)
     for i in range(3):
         out.r_gcrf_m[i] = x[i]
         out.v_gcrf_mps[i] = x[3 + i]
