@@ -50,11 +50,11 @@ def test_a_quick_study_of_consistency(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_a_filter_that_is_told_too_little_is_found_out() -> None:
-    """GIVEN a truth pushed ten times as hard as the filter is told WHEN flown THEN the NEES is far outside its band."""
+    """GIVEN a truth pushed far harder than the filter is told WHEN flown THEN the NEES is far outside its band."""
     plan = consistency.QUICK
     numbers = tuple(range(6))
     right = fly(consistency.Task("flight", plan, numbers))
-    hard = (("empirical_sigma_mps2", 2e-6), ("empirical_tau_s", 100.0))
+    hard = (("empirical_sigma_mps2", 2e-4), ("empirical_tau_s", 100.0))
     honest = fly(consistency.Task("flight", plan, numbers, None, hard))
     assert 0.5 < right.nees.mean() / 6.0 < 1.6
     assert 0.5 < honest.nees.mean() / 6.0 < 1.6
