@@ -100,6 +100,10 @@ format: setup  ## rewrite the sources in the project's format
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
+.PHONY: kill
+kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
+	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9
+
 .PHONY: accuracy
 # Finished orbits are kept: the same command goes on where it was stopped. About an hour on two processors.
 accuracy: setup  ## the flight filter on real and simulated orbits: figures, plots and verdict in runs/accuracy

@@ -36,6 +36,8 @@ def _run(options: argparse.Namespace) -> int:
             options.resume_max_age,
             options.table_key,
             options.allow_saturating,
+            options.table_store,
+            options.require_certificate,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -104,6 +106,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--allow-saturating", action="store_true", help="for a study: fly a bound that settles below its limit"
+    )
+    run.add_argument(
+        "--table-store",
+        type=Path,
+        metavar="DIR",
+        help="boot from the A/B navigation tables here; a file upload.tbl put here is validated, staged and tried",
+    )
+    run.add_argument(
+        "--require-certificate", action="store_true", help="publish the state of an uncertified table as not valid"
     )
     run.set_defaults(action=_run)
 

@@ -138,6 +138,8 @@ def build(
     registry.warm_up(progress)
     memory = Memory()
     memory.load(navigation.values, orientation.values)
+    block = open_certificate(navigation, None)
+    memory.load_envelope(block.values if block is not None else None)
     if forces is not None:
         try:
             memory.load_forces(forces.forces.values, forces.gravity_field.values)

@@ -64,6 +64,10 @@ class Capture:
         self.image = bytearray(_HEADER.size + packed.itemsize + _CRC.size)
         self._payload = np.frombuffer(self.image, packed, 1, _HEADER.size)
 
+    def belongs_to(self, table_crc32: int) -> None:
+        """From now on the state is that of another navigation table."""
+        self._head = (*self._head[:3], table_crc32)
+
     def take(self) -> None:
         """Copy the state as it stands into `image`."""
         for name in self._fields:
@@ -192,6 +196,11 @@ class CheckpointWriter:
         self._at = 0
         self.written = 0
         self.failed = 0
+
+    def belongs_to(self, table_crc32: int) -> None:
+        """From now on checkpoints are of another navigation table; one that is being written is finished."""
+        self.close()
+        self._capture.belongs_to(table_crc32)
 
     def write_slice(self) -> None:
         """Begin when it is time, or go on with what is begun."""

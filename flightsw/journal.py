@@ -19,6 +19,8 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 # linux/can/error.h). Without them a replay could not know when flight was deaf.
 BUS_LOST = ERROR | 0x40
 BUS_REOPENED = ERROR | 0x100
+# Likewise: from the next tick on another navigation table flies. A replay, which has one table, stops here.
+TABLE_SWAPPED = ERROR | 0x200
 
 _CAN_SLOTS = 4096
 _CAN_ENTRY = struct.Struct("<qI?B64s")

@@ -17,11 +17,11 @@ from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.certificate import open_certificate
-from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause
+from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause, Validity, Verdict
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
 from flightsw.integrity.time_to_flag import look_ahead
-from flightsw.journal import BUS_LOST, BUS_REOPENED, Journal
+from flightsw.journal import BUS_LOST, BUS_REOPENED, TABLE_SWAPPED, Journal
 from flightsw.link.mavlink_out import MavlinkOut, Sink
 from flightsw.link.telemetry import Telemetry
 from flightsw.memory import Memory
@@ -32,9 +32,11 @@ from flightsw.records_io import RecordReader
 from flightsw.schedule import Member, Schedule
 from flightsw.sensing.can_receiver import CanReceiver
 from flightsw.sensing.epoch_assembly import EpochAssembly
+from flightsw.tables.service import TableService
 
 _BUS_ERROR = int(RejectCause.BUS_ERROR)
 _BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
+_TRUSTING = (int(Verdict.TRUSTED), int(Verdict.TRUSTED_COASTING))
 _SLIP_BIT = 1 << int(AlertId.TICK_SLIP)
 _UNCERTIFIED_BIT = 1 << int(AlertId.TABLE_UNCERTIFIED)
 
@@ -76,6 +78,10 @@ class MainLoop:
         self._alerts = 0
         self._happened = 0
         self._slipped = False
+        self._noted = 0  # alerts of what happens between ticks, told with the next one
+        self.tables: TableService | None = None
+        self.require_certificate = False  # an uncertified table's state is then offered to nobody
+        self._verdict, self._validity = int(Verdict.NOT_READY), 0
         table = memory.table[0]
         self.period_ns = int(table["tick_period_ns"])
         self._ahead_steps = int(table["ahead_steps"])
@@ -151,17 +157,32 @@ class MainLoop:
         if self.port.is_off:
             alerts |= _BUS_OFF_BIT
         self._alerts = alerts
-        self.publisher.state(self.unix_ns(), out, self._fix_output["nis"][0], alerts, self.certificate)
+        self._verdict, self._validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
+        nis = self._fix_output["nis"][0]
+        self.publisher.state(self.unix_ns(), out, nis, alerts, self.certificate, self._verdict, self._validity)
+
+    def _judge(self, verdict: int, validity: int) -> tuple[int, int]:
+        """Verdict and validity as they are published: the step's, which knows no table without a certificate.
+
+        Such a table is never trusted in words. Its state stays valid for those who fly it, unless told otherwise.
+        """
+        if verdict in _TRUSTING and self.certificate == Certificate.UNCERTIFIED:
+            verdict = int(Verdict.NOT_CERTIFIED)
+            if self.require_certificate:
+                validity &= ~int(Validity.STATE_VALID)
+        return verdict, validity
 
     def _alert(self) -> None:
         if self._slipped:
             self._happened |= _SLIP_BIT
             self._slipped = False
+        self._happened |= self._noted
+        self._noted = 0
         out, at = self.out, self.out_reader.at
         self.events.note(int(out[at["t_gps_ns"]]), self._happened, self._alerts, out[at["bound_m"]])
 
     def _telemetry_state(self) -> None:
-        self.telemetry.state(self.out, self._alerts)
+        self.telemetry.state(self.out, self._alerts, self._verdict, self._validity)
 
     def _telemetry_status(self) -> None:
         self.telemetry.status(
@@ -258,6 +279,38 @@ class MainLoop:
         self.checkpoints = writer
         self.schedule.add_slack(Member("checkpoint", 1, 2000.0, writer.write_slice))
 
+    # -- tables
+
+    def keep_tables(self, service: TableService) -> None:
+        """Take new navigation tables from now on."""
+        self.tables = service
+        self.schedule.add_slack(Member("tables", 1, 5000.0, self._table_slice))
+
+    def _table_slice(self) -> None:
+        if self.tables is not None:
+            self.tables.work_slice(int(self.out[self.out_reader.at["t_gps_ns"]]))
+
+    def note(self, alert: AlertId) -> None:
+        """Tell this with the next tick."""
+        self._noted |= 1 << int(alert)
+
+    def fly_table(self, table: TableImage, nav_row_last: int) -> None:
+        """Swap the navigation table, between two ticks; its period and rates of the grid are those of the old one."""
+        memory = self.memory
+        memory.load_navigation(table.values)
+        memory.nav["row"] = min(int(memory.nav["row"][0]), nav_row_last)
+        certificate = open_certificate(table, None)
+        memory.load_envelope(certificate.values if certificate is not None else None)
+        self.certificate = int(certificate.grade if certificate is not None else Certificate.UNCERTIFIED)
+        record = memory.table[0]
+        self._ahead_steps = int(record["ahead_steps"])
+        self.receiver.drain_limit = int(record["drain_frames_max"])
+        schema = SCHEMAS[table.kind]
+        self.telemetry.name_table(table.crc32, schema.hash, table.set_name.encode(), self.certificate)
+        if self.checkpoints is not None:
+            self.checkpoints.belongs_to(table.crc32)
+        self.journal.bus(self.unix_ns(), TABLE_SWAPPED)
+
     # -- the cycle
 
     def run_tick(self) -> None:
@@ -265,6 +318,9 @@ class MainLoop:
         self.counter_ns = self.clock.counter_ns()
         if self.tick == 0:
             self.counter_start_ns = self.counter_ns
+        if self.tables is not None:
+            at = self.out_reader.at
+            self.tables.between_ticks(int(self.out[at["flag"]]), self.out[at["bound_m"]], self._happened)
         self.schedule.run_tick(self.tick)
         self.tick += 1
 

@@ -9,6 +9,7 @@ import numpy as np
 from flightsw.kernels.spherical_harmonics import load_field
 from flightsw.records import (
     AHEAD,
+    ENVELOPE,
     FIELD,
     FORCE_TABLE,
     FORCE_WORK,
@@ -72,6 +73,17 @@ class Memory:
         """Copy the payloads of the two tables (arrays of one record) into flight's aligned images."""
         _fill(self.table, navigation)
         _fill(self.orientation, orientation)
+
+    def load_navigation(self, navigation: np.ndarray) -> None:
+        """Copy the payload of another navigation table (an array of one record) over the one that flies."""
+        _fill(self.table, navigation)
+
+    def load_envelope(self, certificate: np.ndarray | None) -> None:
+        """Copy where a certificate (an array of one record) holds beside the navigation table; None: it has none."""
+        self.table.flags.writeable = True
+        for name in ENVELOPE:
+            self.table[name] = 0.0 if certificate is None else certificate[name.removeprefix("envelope_")]
+        self.table.flags.writeable = False
 
     def load_forces(self, forces: np.ndarray, gravity_field: np.ndarray) -> None:
         """Copy the force table and make the gravity field that flies from its coefficients.

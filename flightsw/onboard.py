@@ -15,10 +15,14 @@ from flightsw import app, realtime
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, Resume
 from flightsw.clock import RealTimeClock
-from flightsw.icd.table_file import TableImage
+from flightsw.icd.table_file import TableImage, TableRefused, encode
 from flightsw.journal import Journal
+from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Nowhere, Sink
 from flightsw.provenance import identity
+from flightsw.tables.service import TableService
+from flightsw.tables.store import SLOTS, Booted, TableStore
+from flightsw.tables.validate import Policy, accept_at_start
 
 
 class Refused(ValueError):
@@ -94,6 +98,8 @@ def open_logs(
         for name in names if forces is None else (*names, app.FORCES_FILE, app.GRAVITY_FIELD_FILE):
             image = (tables / name).read_bytes()  # read before writing: the two folders may be one
             (out / "tables" / name).write_bytes(image)
+        flown = navigation  # it may come from a store
+        (out / "tables" / app.NAVIGATION_FILE).write_bytes(encode(*_encodable(flown)))
         if resume is not None:
             (out / app.RESUME_FILE).write_bytes(resume.image)
         flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
@@ -102,6 +108,10 @@ def open_logs(
         return Journal(out)
     except OSError as error:
         raise Refused(f"--out {out}: cannot be written ({error.strerror}); name another folder") from error
+
+
+def _encodable(table: TableImage) -> tuple[Any, ...]:
+    return (*table[:4], table.valid_from_gps_ns, table.valid_to_gps_ns)
 
 
 def run(
@@ -115,6 +125,8 @@ def run(
     resume_max_age_s: float = 0.0,
     table_key: Path | None = None,
     allow_saturating: bool = False,
+    table_store: Path | None = None,
+    require_certificate: bool = False,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status.
 
@@ -123,6 +135,12 @@ def run(
     """
     key = app.load_key(table_key) if table_key else None
     navigation, orientation = app.load_tables(tables, key, allow_saturating)
+    policy = Policy(key, allow_saturating)
+    store = booted = None
+    if table_store is not None:
+        store = TableStore(table_store, "navigation")
+        booted = _boot(store, (tables / app.NAVIGATION_FILE).read_bytes(), policy)
+        navigation = booted.table
     forces = app.load_force_tables(tables, navigation)
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
@@ -149,9 +167,15 @@ def run(
             resumed,
             checkpoints,
         )
+        loop.require_certificate = require_certificate
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute
+        if store is not None and booted is not None:
+            record = loop.memory
+            loop.keep_tables(
+                TableService(loop, record.nav, record.table, navigation, policy, store, booted.slot, table_store)
+            )
         loop.run(ticks)
     finally:
         if loop is not None and loop.checkpoints is not None:
@@ -163,6 +187,24 @@ def run(
     if loop.checkpoints is not None:
         print(f"flightsw: {loop.checkpoints.written} checkpoints written, {loop.checkpoints.failed} failed")
     return 0
+
+
+def _boot(store: TableStore, first: bytes, policy: Policy) -> Booted:
+    """The navigation table of a store; an empty one begins with `first`, which flight has accepted."""
+    registry.warm_up(_tell_progress)
+    try:
+        if not any(store.path(slot).exists() for slot in SLOTS):
+            store.begin_with(first, accept_at_start(first, policy))
+    except OSError as error:
+        raise Refused(f"--table-store {store.pointer.parent}: cannot be written ({error.strerror})") from error
+    except TableRefused as error:
+        raise Refused(f"--tables: {app.NAVIGATION_FILE}: refused: {error}") from error
+    booted = store.boot(lambda raw: accept_at_start(raw, policy))
+    if booted is None:
+        raise Refused(f"--table-store {store.pointer.parent}: neither table of it can fly; empty it to begin anew")
+    for text in booted.told:
+        print(f"flightsw: {text}", file=sys.stderr)
+    return booted
 
 
 def _load_resume(path: Path | None, max_age_s: float, navigation: TableImage) -> Resume | None:

@@ -47,14 +47,21 @@ class Publisher:
         self._journal.frame(unix_ns, box.frame_id, False, box.buffer)
         self._port.send(box.frame_id, box.buffer, unix_ns * 1e-9)
 
-    def state(self, unix_ns: int, out: tuple[float, ...], nis: float, alerts: int, certificate: int) -> None:
+    def state(
+        self,
+        unix_ns: int,
+        out: tuple[float, ...],
+        nis: float,
+        alerts: int,
+        certificate: int,
+        verdict: int,
+        validity: int,
+    ) -> None:
         """NAV_STATE and INTEGRITY from one reading of the output record."""
         at = self._at
         r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
         t_gps_ns, mode, flag = out[at["t_gps_ns"]], out[at["mode"]], out[at["flag"]]
-        self._send(
-            self._nav_state, unix_ns, t_gps_ns, *out[r : r + 3], *out[v : v + 3], mode, out[at["validity"]], flag
-        )
+        self._send(self._nav_state, unix_ns, t_gps_ns, *out[r : r + 3], *out[v : v + 3], mode, validity, flag)
         self._send(
             self._integrity,
             unix_ns,
@@ -68,7 +75,7 @@ class Publisher:
             nis,
             mode,
             flag,
-            out[at["verdict"]],
+            verdict,
             out[at["driver"]],
             min(int(out[at["streak"]]), 0xFFFF),
             out[at["da_coverage_pct"]],

@@ -39,11 +39,16 @@ GNSS_BIAS = slice(11, 14)  # m, RTN: error of GNSS positions that lasts for minu
 GNSS_PERIODIC = slice(14, 20)  # m, RTN: error with the period of the orbit; (in phase, in quadrature) for each axis
 
 
+# Where a table's certificate holds, and its grade, in the units of icd/certificate.py; all zero without one.
+_BOX = "grade altitude_min_km altitude_max_km certified_age_s f107_min f107_max fix_sigma_max_m convergence_s burns"
+ENVELOPE = tuple("envelope_" + name for name in _BOX.split())
+
+
 def _aligned(schema: Schema) -> np.dtype:
     return np.dtype([(f.name, "<" + f.kind, f.shape) for f in schema.fields], align=True)
 
 
-TABLE = _aligned(NAVIGATION)
+TABLE = np.dtype([*_aligned(NAVIGATION).descr, *((name, "<f8") for name in ENVELOPE)], align=True)
 ORIENTATION = _aligned(EARTH_ORIENTATION)
 GRAVITY_TABLE = _aligned(GRAVITY_FIELD)
 FORCE_TABLE = _aligned(FORCES)
@@ -91,6 +96,8 @@ NAV = np.dtype(
         ("history_UD", "f8", (HISTORY, STATES, STATES)),
         # fixes
         ("t_fix_gps_ns", "i8"),  # last accepted
+        ("sigma_fix_m", "f8"),  # that it claimed
+        ("t_start_gps_ns", "i8"),  # of the state, or end of the last burn that the certificate does not cover
         ("t_seen_gps_ns", "i8"),  # last that passed the time checks
         ("streak", "i8"),  # accepted without a rejection or an outage between
         ("mean_nis", "f8"),  # per degree of freedom, over the last clear_fixes of the streak
@@ -377,10 +384,8 @@ FORCE_WORK = np.dtype(
         ("moon_m", "f8", (3,)),
         ("tide", "f8", (3, 3)),  # quadratic form of the tidal potential, GCRF
         ("semiannual", "f8"),  # variation of density with the season, of the density model
-        # spherical harmonics
         ("rows", "f8", (HARMONIC_GROUP, HARMONIC_WIDTH)),
         ("sums", "f8", (12, HARMONIC_WIDTH)),
-        # vectors
         ("r_itrf", "f8", (3,)),
         ("a_itrf", "f8", (3,)),
         ("body", "f8", (3,)),

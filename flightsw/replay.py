@@ -22,7 +22,7 @@ from flightsw.checkpoint import CheckpointRefused, Resume
 from flightsw.clock import LockstepClock
 from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
 from flightsw.icd.table_file import TableImage
-from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, Journal
+from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, TABLE_SWAPPED, Journal
 from flightsw.link.mavlink_out import Nowhere
 from flightsw.provenance import differences, identity
 
@@ -76,6 +76,11 @@ def read_ticks(path: Path) -> Iterator[Tick]:
                 tick.lost_sending = sent - 1
             elif lost:
                 tick.lost_receiving = True
+            elif can_id == TABLE_SWAPPED:
+                raise ReplayRefused(
+                    f"{path}: line {line_number}: another navigation table was activated in flight; such a flight can "
+                    "be repeated up to here only"
+                )
             elif can_id == BUS_REOPENED:
                 tick.reopened = True
             elif can_id == FLIGHT_HEARTBEAT.frame_id:

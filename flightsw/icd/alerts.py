@@ -48,6 +48,10 @@ class AlertId(IntEnum):
     EDITING_OVERRIDDEN = 20
     BURN_ACTIVE = 21
     FIXES_IN_DOUBT = 22
+    TABLE_STAGED = 23
+    TABLE_ACTIVATED = 24
+    TABLE_REFUSED = 25
+    TABLE_ROLLED_BACK = 26
 
 
 class Alert(NamedTuple):
@@ -82,6 +86,10 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.FORCES_EXPIRED, Severity.WARNING, "Force table is past its validity"),
         Alert(AlertId.EDITING_OVERRIDDEN, Severity.NOTICE, "Measurement editing overridden"),
         Alert(AlertId.FIXES_IN_DOUBT, Severity.ALERT, "Fixes drift off the state: fault or manoeuvre"),
+        Alert(AlertId.TABLE_STAGED, Severity.INFO, "New navigation table validated and staged"),
+        Alert(AlertId.TABLE_ACTIVATED, Severity.NOTICE, "New navigation table active, on trial"),
+        Alert(AlertId.TABLE_REFUSED, Severity.WARNING, "New navigation table refused: old one flies on"),
+        Alert(AlertId.TABLE_ROLLED_BACK, Severity.ALERT, "New navigation table failed: old one flies again"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

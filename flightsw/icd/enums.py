@@ -33,6 +33,7 @@ class Verdict(IntEnum):
     TRUSTED = 1
     TRUSTED_COASTING = 2
     DO_NOT_USE = 3
+    NOT_CERTIFIED = 4  # nothing was proven for this table, or not for here and now
 
 
 class Validity(IntFlag):

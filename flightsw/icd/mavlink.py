@@ -1027,8 +1027,10 @@ LEONAV_VERDICT_TRUSTED_COASTING = 2
 enums["LEONAV_VERDICT"][2] = EnumEntry("LEONAV_VERDICT_TRUSTED_COASTING", """""")
 LEONAV_VERDICT_DO_NOT_USE = 3
 enums["LEONAV_VERDICT"][3] = EnumEntry("LEONAV_VERDICT_DO_NOT_USE", """""")
-LEONAV_VERDICT_ENUM_END = 4
-enums["LEONAV_VERDICT"][4] = EnumEntry("LEONAV_VERDICT_ENUM_END", """""")
+LEONAV_VERDICT_NOT_CERTIFIED = 4
+enums["LEONAV_VERDICT"][4] = EnumEntry("LEONAV_VERDICT_NOT_CERTIFIED", """""")
+LEONAV_VERDICT_ENUM_END = 5
+enums["LEONAV_VERDICT"][5] = EnumEntry("LEONAV_VERDICT_ENUM_END", """""")
 
 # LEONAV_VALIDITY
 enums["LEONAV_VALIDITY"] = Enum()
@@ -1209,8 +1211,16 @@ LEONAV_ALERT_ID_BURN_ACTIVE = 21
 enums["LEONAV_ALERT_ID"][21] = EnumEntry("LEONAV_ALERT_ID_BURN_ACTIVE", """Announced burn in progress""")
 LEONAV_ALERT_ID_FIXES_IN_DOUBT = 22
 enums["LEONAV_ALERT_ID"][22] = EnumEntry("LEONAV_ALERT_ID_FIXES_IN_DOUBT", """Fixes drift off the state: fault or manoeuvre""")
-LEONAV_ALERT_ID_ENUM_END = 23
-enums["LEONAV_ALERT_ID"][23] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_TABLE_STAGED = 23
+enums["LEONAV_ALERT_ID"][23] = EnumEntry("LEONAV_ALERT_ID_TABLE_STAGED", """New navigation table validated and staged""")
+LEONAV_ALERT_ID_TABLE_ACTIVATED = 24
+enums["LEONAV_ALERT_ID"][24] = EnumEntry("LEONAV_ALERT_ID_TABLE_ACTIVATED", """New navigation table active, on trial""")
+LEONAV_ALERT_ID_TABLE_REFUSED = 25
+enums["LEONAV_ALERT_ID"][25] = EnumEntry("LEONAV_ALERT_ID_TABLE_REFUSED", """New navigation table refused: old one flies on""")
+LEONAV_ALERT_ID_TABLE_ROLLED_BACK = 26
+enums["LEONAV_ALERT_ID"][26] = EnumEntry("LEONAV_ALERT_ID_TABLE_ROLLED_BACK", """New navigation table failed: old one flies again""")
+LEONAV_ALERT_ID_ENUM_END = 27
+enums["LEONAV_ALERT_ID"][27] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1

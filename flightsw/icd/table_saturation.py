@@ -12,7 +12,7 @@ for the map; Hill-Clohessy-Wiltshire equations and Van Loan (1978) for the fligh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import numpy as np
 
@@ -24,6 +24,7 @@ _RATE_RADPS = math.sqrt(_MU_M3PS2 / _RADIUS_M**3)
 _ORBIT_S = 2.0 * math.pi / _RATE_RADPS
 _STRIDE = 10  # steps at a time: more would mix directions that decay at very different rates beyond double precision
 _AIDED_STEPS = 600
+_SLICE = 50  # points judged at a turn
 _FLIGHT_STEP_S = 60.0
 _START_SIGMA_V_MPS = 1e-3
 _RK4 = 1
@@ -36,14 +37,24 @@ def saturation(values: np.ndarray, certified_age_s: float = 0.0) -> list[str]:
 
     values: (1,), dtype of the schema, within its ranges. certified_age_s: where proof ends, 0 for no certificate.
     """
+    work = saturation_in_slices(values, certified_age_s)
+    while True:
+        try:
+            next(work)
+        except StopIteration as end:
+            return list(end.value)
+
+
+def saturation_in_slices(values: np.ndarray, certified_age_s: float = 0.0) -> Generator[None, None, list[str]]:
+    """As `saturation`, a few milliseconds of work at each turn."""
     record = values[0]
     end_s = min(certified_age_s, HORIZON_S) if certified_age_s > 0.0 else HORIZON_S
     if int(record["filter_model"]) == _FLIGHT:
-        found = _judge(record, _flight_bounds(record), end_s)
+        found = yield from _judge(record, _flight_bounds(record), end_s)
         return [f"{found}: the process noise of [flight_filter] is too small; raise it"] if found else []
     said = []
     for row in range(int(record["tuning_rows"])):
-        if found := _judge(record, _paper_bounds(record, row), end_s):
+        if found := (yield from _judge(record, _paper_bounds(record, row), end_s)):
             said.append(
                 f"tuning row {row}: {found}: noise and pseudo-update of (17) balance; raise bound_q_* or bound_s_* "
                 "of this row"
@@ -51,11 +62,13 @@ def saturation(values: np.ndarray, certified_age_s: float = 0.0) -> list[str]:
     return said
 
 
-def _judge(record: np.void, bounds_m: Iterator[tuple[float, float]], end_s: float) -> str:
+def _judge(record: np.void, bounds_m: Iterator[tuple[float, float]], end_s: float) -> Generator[None, None, str]:
     """Empty, or how the bound fails to grow. bounds_m: (age [s], bound [m]) in order of age."""
     limit_m = float(record["limit_m"])
     before_m, largest_m, orbit = 0.0, 0.0, 1
-    for age_s, bound_m in bounds_m:
+    for count, (age_s, bound_m) in enumerate(bounds_m):
+        if count % _SLICE == 0:
+            yield
         if not math.isfinite(bound_m):
             return f"the bound cannot be computed at an age of {age_s:.0f} s"
         if age_s > orbit * _ORBIT_S:

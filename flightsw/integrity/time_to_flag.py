@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from flightsw.icd.enums import FlagState, Governing
+from flightsw.integrity import envelope
 from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 from flightsw.integrity.failure_flag import driving
@@ -26,6 +27,7 @@ from flightsw.records import AHEAD, FIELD, FORCE_TABLE, FORCE_WORK, NAV, ORIENTA
 _RAISED = int(FlagState.RAISED)
 _BOUND = int(Governing.BOUND)
 _EARTH_ORIENTATION = int(Governing.EARTH_ORIENTATION)
+_CERTIFIED_AGE = int(Governing.CERTIFIED_AGE)
 _HORIZON = int(Governing.HORIZON)
 _NOT_READY = int(Governing.NOT_READY)
 _FLAG = int(Governing.FLAG)
@@ -93,6 +95,10 @@ def _go_on(nav, table, model, ahead, work, steps):
     for _ in range(steps):
         if (ahead.t_gps_ns - nav.t_fix_gps_ns) * 1e-9 > table.ahead_horizon_s:
             _finish(ahead, ahead.t_gps_ns, _HORIZON)
+            return
+        if envelope.outlived(nav, table, ahead.t_gps_ns):
+            age_ns = round(table.envelope_certified_age_s * 1e9)
+            _finish(ahead, nav.t_fix_gps_ns + age_ns, _CERTIFIED_AGE)
             return
         if flying:
             bound_m = _step_flight(nav, table, model, ahead, dt_ns, work)

@@ -61,6 +61,10 @@ class Telemetry:
         self._geodetic_in = np.zeros(3)
         self._geodetic = np.zeros(3)
 
+    def name_table(self, crc32: int, schema_hash: int, set_name: bytes, certificate: int) -> None:
+        """From now on this navigation table is named."""
+        self._table = (crc32, schema_hash, set_name, certificate)
+
     def alert(self, sequence: int, t_gps_ns: int, alert_id: int, active: int, value: float) -> None:
         """LEONAV_ALERT and, when it begins, its text for any ground station."""
         severity, text = _TEXTS[alert_id]
@@ -68,14 +72,14 @@ class Telemetry:
         if active:
             self._out.mav.statustext_send(severity, text)
 
-    def state(self, out: tuple[float, ...], alerts: int) -> None:
+    def state(self, out: tuple[float, ...], alerts: int, verdict: int, validity: int) -> None:
         """LEONAV_NAV_STATE and LEONAV_INTEGRITY."""
         at = self._at
         r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
         t_gps_ns, mode, flag = int(out[at["t_gps_ns"]]), int(out[at["mode"]]), int(out[at["flag"]])
         crc32, _schema, _name, certificate = self._table
         mav = self._out.mav
-        mav.leonav_nav_state_send(t_gps_ns, out[r : r + 3], out[v : v + 3], mode, int(out[at["validity"]]), flag)
+        mav.leonav_nav_state_send(t_gps_ns, out[r : r + 3], out[v : v + 3], mode, validity, flag)
         mav.leonav_integrity_send(
             t_gps_ns,
             out[at["bound_m"]],
@@ -89,7 +93,7 @@ class Telemetry:
             _u16(out[at["streak"]]),
             mode,
             flag,
-            int(out[at["verdict"]]),
+            verdict,
             int(out[at["driver"]]),
             certificate,
             int(out[at["da_coverage_pct"]]),

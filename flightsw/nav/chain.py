@@ -127,6 +127,7 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     nav.initialised = 1
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
+    nav.t_start_gps_ns = t_gps_ns
     nav.t_evaluated_gps_ns = min(nav.t_evaluated_gps_ns, t_gps_ns - 1)
     nav.x[:] = 0.0
     for i in range(MEASUREMENTS):

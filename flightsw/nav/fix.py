@@ -131,7 +131,9 @@ def process(nav, table, model, inp, work, out):
         sigma_r_m = max(sigma_r_m, max(inp.fix_sigma_r_m[i], table.tuning_sigma_r_floor_m[row]))
         sigma_v_mps = max(sigma_v_mps, max(inp.fix_sigma_v_mps[i], table.tuning_sigma_v_floor_mps[row]))
 
+    claimed_m = max(inp.fix_sigma_r_m[0], max(inp.fix_sigma_r_m[1], inp.fix_sigma_r_m[2]))
     if not nav.initialised:
+        nav.sigma_fix_m = claimed_m
         frames.pole_gcrf(model.eop, t_gps_ns, work, nav.pole)
         if _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.init_fixes, work):
             if table.filter_model == flight_model.FLIGHT:
@@ -168,6 +170,7 @@ def process(nav, table, model, inp, work, out):
     nav.arc_count = 0
     nis_per_dof = out.nis / (flight_filter.degrees_of_freedom(out) if flying else MEASUREMENTS)
     nav.mean_nis += (nis_per_dof - nav.mean_nis) / min(nav.streak, table.clear_fixes)
+    nav.sigma_fix_m = claimed_m
     chain.commit(nav, table, model, t_gps_ns, row, work)
     if table.stored_da_use and nav.streak >= table.stored_da_after_fixes:
         stored_acceleration.store(nav, table, nav.x, t_gps_ns, work)

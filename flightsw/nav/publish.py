@@ -6,6 +6,7 @@ import math
 
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import EditMode, FlagState, Validity, Verdict
+from flightsw.integrity import envelope
 from flightsw.kernels import frames
 from flightsw.kernels.integrators import rk4
 from flightsw.kernels.registry import kernel
@@ -22,6 +23,7 @@ _NOT_READY = int(Verdict.NOT_READY)
 _TRUSTED = int(Verdict.TRUSTED)
 _TRUSTED_COASTING = int(Verdict.TRUSTED_COASTING)
 _DO_NOT_USE = int(Verdict.DO_NOT_USE)
+_NOT_CERTIFIED = int(Verdict.NOT_CERTIFIED)
 _STATE_VALID = int(Validity.STATE_VALID)
 _TIME_VALID = int(Validity.TIME_VALID)
 _HAS_STATE = int(Validity.INITIALISED)
@@ -138,6 +140,11 @@ def publish(nav, table, model, t_gps_ns, work, out):
         out.verdict = _TRUSTED_COASTING
     else:
         out.verdict = _TRUSTED
+    trusted = out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING
+    if trusted and envelope.is_certified(table):
+        f107 = model.forces.f107 if table.filter_model == flight_model.FLIGHT else 0.0
+        if not envelope.covers(nav, table, f107, t_gps_ns):
+            out.verdict = _NOT_CERTIFIED
     if out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING:
         out.validity |= _STATE_VALID
 

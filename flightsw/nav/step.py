@@ -12,7 +12,7 @@ import math
 
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import EditMode, NavCommand, RejectCause
-from flightsw.integrity import failure_flag
+from flightsw.integrity import envelope, failure_flag
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
 from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre, monitor
@@ -227,6 +227,9 @@ def step(
             _give_up(nav)
     if nav.initialised:
         age_s = (t_now - nav.t_fix_gps_ns) * 1e-9
+        envelope.note_burn(nav, table, manoeuvre.is_active(nav, t_now, 1e-9), t_now)
+        if envelope.outlived(nav, table, t_now):
+            _raise(nav)  # as if the bound had crossed the limit: nothing is proven from here on
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0

@@ -112,6 +112,9 @@ def _weigh(i: Integrity, state_refused: bool) -> tuple[str, str, Level]:
         return "DO NOT USE", reason, Level.BAD
     if state_refused:
         return "DO NOT USE", "flight publishes its state as not valid", Level.BAD
+    if i.verdict == Verdict.NOT_CERTIFIED:
+        what = "outside what its certificate covers" if i.certificate else "no certificate stands behind the table"
+        return "NOT CERTIFIED", f"{what}: {against}, fix {seconds(i.fix_age_s)} old", Level.CAUTION
     share = f"{percent(bound / limit)} of the limit" if limit > 0.0 and math.isfinite(limit) else against
     if i.verdict == Verdict.TRUSTED_COASTING or i.mode == Mode.AUTONOMOUS:
         reason = f"no fix accepted for {seconds(i.fix_age_s)}; bound {metres(bound)}, {share}"

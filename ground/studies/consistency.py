@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,14 +29,14 @@ AGES_S = (60, 300, 900, 2000)
 WANTED_SHARE, WANTED_BEYOND = 0.9, 0.003
 WANTED_LEAST, WANTED_MOST = 0.3, 1.1
 ORBITS = ("simulated", "simulated_800", "gracefo", "sentinel3a")
-COLOURED_SEEDS = 3
 FALSE_ALARMS = 1 << int(AlertId.MANOEUVRE_DETECTED) | 1 << int(AlertId.SLOW_FAULT)
 
 
 class Plan(NamedTuple):
     """Seconds. Fixes for converged_s, then fixes_s with epochs, then outage_s with epochs, one every epoch_s.
 
-    along_s: length of a flight along an orbit; outages begin every spacing_s of it.
+    along_s: length of a flight along an orbit; outages begin every spacing_s of it. drawn_span_s: of the orbit on which
+    drawn truths begin. coloured_seeds: flights of each orbit where the fixes are coloured, as six amplitudes are few.
     """
 
     converged_s: int = 4000
@@ -46,6 +46,8 @@ class Plan(NamedTuple):
     along_s: int = 86_000
     settled_s: int = 6000
     spacing_s: int = 1000
+    drawn_span_s: int = 86_000
+    coloured_seeds: int = 10
 
     @property
     def epochs_s(self) -> np.ndarray:
@@ -53,7 +55,16 @@ class Plan(NamedTuple):
         return np.arange(self.converged_s, self.converged_s + self.fixes_s + self.outage_s, self.epoch_s)
 
 
-QUICK = Plan(converged_s=600, fixes_s=300, outage_s=300, along_s=2900, settled_s=1500, spacing_s=500)
+QUICK = Plan(
+    converged_s=600,
+    fixes_s=300,
+    outage_s=300,
+    along_s=2900,
+    settled_s=1500,
+    spacing_s=500,
+    drawn_span_s=2900,
+    coloured_seeds=1,
+)
 
 
 class Task(NamedTuple):
@@ -109,7 +120,7 @@ def tasks(
     sets = list(table_sets)
     found = []
     for name in sets:
-        seeds = range(COLOURED_SEEDS) if RECEIVERS[name].coloured_m else range(1)
+        seeds = range(plan.coloured_seeds) if RECEIVERS[name].coloured_m else range(1)
         found += [Task(name, plan, (seed,), orbit, overrides, gravity) for orbit in orbits for seed in seeds]
     for name in sets:
         for k in range(0, runs, CHUNK):
@@ -126,7 +137,7 @@ def fly_drawn(task: Task) -> Ensemble:
     """Runs of the ensemble: each its own truth, phase along the orbit, oscillator and noise."""
     plan = task.plan
     length = plan.converged_s + plan.fixes_s + plan.outage_s + 1
-    sky = arcs.sky(DRAWN_ORBIT, arcs.ALL_ORBITS[DRAWN_ORBIT].span_s, task.gravity)
+    sky = arcs.sky(DRAWN_ORBIT, plan.drawn_span_s, task.gravity)
     fresh = sky.memory(task.table_set, dict(task.overrides))
     receiver = RECEIVERS[task.table_set]
     rows: list[tuple[np.ndarray, np.ndarray, bool]] = []
@@ -274,14 +285,20 @@ def shortfalls(drawn: list[Drawn], along: list[Along]) -> list[str]:
         for series in one.series:
             if not series.inside >= WANTED_SHARE:
                 said.append(f"{one.table_set}, drawn: {series.name} inside its band at {100 * series.inside:.0f} %")
-    for flight in along:
-        where = f"{flight.table_set}, {flight.orbit}, seed {flight.seed}"
-        values = {"with fixes": flight.nees_fixes, **{f"{a} s without": v for a, v in flight.nees_outage.items()}}
+    for name, orbit in dict.fromkeys((flight.table_set, flight.orbit) for flight in along):
+        some = [flight for flight in along if (flight.table_set, flight.orbit) == (name, orbit)]
+        values = {"with fixes": float(np.mean([flight.nees_fixes for flight in some]))}
+        for age in some[0].nees_outage:
+            values[f"{age} s without"] = float(np.mean([flight.nees_outage[age] for flight in some]))
         for when, value in values.items():
             if not WANTED_LEAST <= value <= WANTED_MOST:
-                said.append(f"{where}: NEES/n {value:.2f} {when}, wanted {WANTED_LEAST} to {WANTED_MOST}")
-        if not flight.beyond <= WANTED_BEYOND:
-            said.append(f"{where}: past the bound for {100 * flight.beyond:.2f} % of the time")
+                said.append(
+                    f"{name}, {orbit}: NEES/n {value:.2f} {when}, wanted {WANTED_LEAST} to {WANTED_MOST}"
+                    + (f" (mean of {len(some)} flights)" if len(some) > 1 else "")
+                )
+        beyond = float(np.mean([flight.beyond for flight in some]))
+        if not beyond <= WANTED_BEYOND:
+            said.append(f"{name}, {orbit}: past the bound for {100 * beyond:.2f} % of the time")
     return said
 
 
@@ -304,14 +321,35 @@ def table(drawn: list[Drawn], along: list[Along]) -> str:
             f"{'worst':>8}{'past %':>8}{'alarms':>8}"
         )
     for f in along:
-        ages = "".join(f"{value:>8.2f}" for value in f.nees_outage.values())
-        lines.append(
-            f"  {f.table_set:<16}{f.orbit:<14}{f.seed:>5}{f.rms_3d_m:>8.2f}{f.nees_fixes:>8.2f}{f.nees_position:>7.2f}"
-            f"{f.nees_velocity:>7.2f}{ages}{f.worst_error_to_bound:>8.2f}{100 * f.beyond:>8.3f}{f.alarms:>8}"
-        )
+        lines.append(_row(f, f"{f.seed}"))
+    for name, orbit in dict.fromkeys((f.table_set, f.orbit) for f in along):
+        some = [f for f in along if (f.table_set, f.orbit) == (name, orbit)]
+        if len(some) > 1:
+            lines.append(_row(_mean(some), "mean"))
     missed = shortfalls(drawn, along)
     lines += [f"MISSED: {text}" for text in missed] or ["all that is asked is reached"]
     return "\n".join(lines)
+
+
+def _row(f: Along, seed: str) -> str:
+    ages = "".join(f"{value:>8.2f}" for value in f.nees_outage.values())
+    return (
+        f"  {f.table_set:<16}{f.orbit:<14}{seed:>5}{f.rms_3d_m:>8.2f}{f.nees_fixes:>8.2f}{f.nees_position:>7.2f}"
+        f"{f.nees_velocity:>7.2f}{ages}{f.worst_error_to_bound:>8.2f}{100 * f.beyond:>8.3f}{f.alarms:>8}"
+    )
+
+
+def _mean(some: list[Along]) -> Along:
+    """Of several seeds: means, but the worst of errors by bound, and the sum of alarms."""
+    names = ("rms_3d_m", "nees_fixes", "nees_position", "nees_velocity", "beyond")
+    means: dict[str, Any] = {name: float(np.mean([getattr(one, name) for one in some])) for name in names}
+    return replace(
+        some[0],
+        **means,
+        nees_outage={age: float(np.mean([one.nees_outage[age] for one in some])) for age in some[0].nees_outage},
+        worst_error_to_bound=max(one.worst_error_to_bound for one in some),
+        alarms=sum(one.alarms for one in some),
+    )
 
 
 def as_document(drawn: list[Drawn], along: list[Along]) -> dict[str, Any]:

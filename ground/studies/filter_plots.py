@@ -60,6 +60,7 @@ def draw_recovery(document: Document, folder: Path) -> list[Path]:
             dashes = "-" if kind == "as it is" else ":"
             for panel, key in ((panels[0], "near_s"), (panels[1], "steady_s")):
                 _cumulative(panel, [run[key] for run in runs], colour, f"{length} s, error {kind}", dashes)
+        panels[0].set_xlim(-1.0, 70.0)
         panels[0].axvline(60.0, color=style.LIMIT, lw=1.2, ls="--")
         panels[1].axvline(600.0, color=style.LIMIT, lw=1.2, ls="--")
         panels[0].set_xlabel("3-D error within 5 m from then on: seconds since fixes are back")

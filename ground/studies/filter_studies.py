@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ground.studies import announced, consistency, false_fixes, manoeuvres, recovery
-from ground.studies.filter_plots import draw_consistency, draw_manoeuvres, draw_recovery
 
 RAMPS = (
     (false_fixes.RAMP, 0.1),
@@ -66,14 +65,14 @@ def fly(task: Any) -> Any:
 def _consistency(options: Options) -> Study:
     sets = tuple(consistency.RECEIVERS) if options.table_set is None else (options.table_set,)
     plan = consistency.QUICK if options.quick else consistency.Plan()
-    runs = options.runs or (consistency.CHUNK if options.quick else consistency.RUNS)
+    runs = options.runs or (4 if options.quick else consistency.RUNS)
     tasks = consistency.tasks(sets, runs, plan, options.orbits, options.overrides, options.gravity)
 
     def show(chosen: Sequence[Any], results: Sequence[Any]) -> tuple[str, dict[str, Any]]:
         drawn, along = consistency.gathered(list(chosen), list(results))
         return consistency.table(drawn, along), consistency.as_document(drawn, along)
 
-    return Study(tasks, fly, show, draw_consistency)
+    return Study(tasks, fly, show, _drawing("consistency"))
 
 
 def _recovery(options: Options) -> Study:
@@ -109,7 +108,7 @@ def _recovery(options: Options) -> Study:
         text = recovery.table(recovery.summarise(returns)) + "\n" + false_fixes.table(*summaries)
         return _with_misses(text, missed), document
 
-    return Study(tasks, fly, show, draw_recovery)
+    return Study(tasks, fly, show, _drawing("recovery"))
 
 
 def _manoeuvres(options: Options) -> Study:
@@ -152,7 +151,17 @@ def _manoeuvres(options: Options) -> Study:
         text = manoeuvres.table(rows, manoeuvres.summarise_healthy(flights)) + "\n" + announced.table(burns, levers)
         return _with_misses(text, manoeuvres.shortfalls(rows) + announced.shortfalls(burns, levers)), document
 
-    return Study(tasks, fly, show, draw_manoeuvres)
+    return Study(tasks, fly, show, _drawing("manoeuvres"))
+
+
+def _drawing(name: str) -> Callable[[dict[str, Any], Path], list[Path]]:
+    def draw(document: dict[str, Any], folder: Path) -> list[Path]:
+        from ground.studies import filter_plots  # matplotlib, only where pictures are asked for
+
+        drawn: list[Path] = getattr(filter_plots, f"draw_{name}")(document, folder)
+        return drawn
+
+    return draw
 
 
 def _with_misses(text: str, missed: list[str]) -> str:

@@ -1,8 +1,9 @@
 """What a burn adds to a known motion: Encke's method along the true orbit, real or simulated.
 
-The difference d to the orbit obeys d'' = g(r + d) - g(r) + thrust; of g the central field and J2. What is left out,
-higher harmonics and drag, acts on the difference alone: 1e-5 of it at most, millimetres for metres a second.
-(Vallado, Fundamentals of Astrodynamics and Applications, 4th ed., 8.3.) No line of it is shared with flight.
+The difference d to the orbit obeys d'' = g(r + d) - g(r) + thrust; of g the central field and J2 (Vallado, Fundamentals
+of Astrodynamics and Applications, 4th ed., 8.3). What is left out, higher harmonics and drag, acts on the difference
+alone: against satkit 2e-5 of it after 1000 s, 1e-4 after 2000 s; of a burn of 1 m/s, 2 cm and 10 cm. No line of it is
+shared with flight.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """certificate.json, as certification writes it, to the record that travels with a table.
 
-Names are those of the record (flightsw/icd/certificate.py); the envelope may stand in a section of its own. A pair
-`altitude_km = [low, high]` serves for `altitude_min_km` and `altitude_max_km`; hashes are 64 hexadecimal digits; the
-CRC-32 of the table is a number or 8 such digits. What a certificate holds besides is left to its readers.
+Names are those of the record (flightsw/icd/certificate.py) or those of `ground certify`; the envelope may stand in a
+section of its own, counts in `summary.pooled`. A pair `altitude_km = [low, high]` serves for `altitude_min_km` and
+`altitude_max_km`; hashes are 64 hexadecimal digits; the CRC-32 of the table is a number or 8 such digits. What a
+certificate holds besides is left to its readers.
 """
 
 from __future__ import annotations
@@ -23,19 +24,28 @@ from ground.errors import OperatorError
 _ALSO = {
     "table_crc32": ("table_crc", "crc32", "table"),
     "ensemble_sha256": ("ensemble_hash", "ensemble"),
-    "clopper_pearson_upper": ("clopper_pearson_95_upper", "cp_upper", "cp95_upper", "clopper_pearson"),
+    "violations": ("violated",),
+    "clopper_pearson_upper": (
+        "upper_limit_95",
+        "clopper_pearson_95_upper",
+        "cp_upper",
+        "cp95_upper",
+        "clopper_pearson",
+    ),
+    "altitude_max_km": ("apogee_altitude_km",),
     "certified_age_s": ("age_max_s", "age_s"),
     "fix_sigma_max_m": ("sigma_fix_max_m",),
-    "convergence_s": ("convergence_time_s",),
-    "burns": ("announced_burns",),
+    "convergence_s": ("fixes_before_s",),
+    "burns": ("announced_burns", "announced_burns_mps"),
     "limits_m": ("limit_m", "limits", "eps_m"),
 }
-_SECTIONS = ("envelope", "pooled", "outages", "table", "ensemble")
+# field -> names of a [low, high] that hold it, and which of the two
 _PAIRS = {
-    "altitude_min_km": ("altitude_km", 0),
-    "altitude_max_km": ("altitude_km", 1),
-    "f107_min": ("f107", 0),
-    "f107_max": ("f107", 1),
+    "altitude_min_km": (("altitude_km", "perigee_altitude_km"), 0),
+    "altitude_max_km": (("altitude_km", "apogee_altitude_km"), 1),
+    "f107_min": (("f107", "f107_sfu"), 0),
+    "f107_max": (("f107", "f107_sfu"), 1),
+    "fix_sigma_max_m": (("sigma_position_m",), 1),
 }
 _FILLED_IN = ("stimulus_sha256", "issued_gps_ns")
 _OPTIONAL = {"attempt": 1, "limits_m": ()}
@@ -55,6 +65,9 @@ def read_certificate(path: Path) -> np.ndarray:
         raise OperatorError(f"{path}: not JSON: {error}") from error
     if not isinstance(document, dict):
         raise OperatorError(f"{path}: holds no certificate; `ground certify` writes one")
+    if document.get("certified") is False and str(document.get("grade")).lower() == "full":
+        missed = ", ".join(str(one) for one in document.get("missed") or ["its targets"])
+        raise OperatorError(f"{path}: certification missed {missed}; a table that missed is not signed: tune it anew")
     values = np.zeros(1, CERTIFICATE.dtype)
     for field in CERTIFICATE.fields:
         if field.name in _FILLED_IN:
@@ -70,15 +83,19 @@ def read_certificate(path: Path) -> np.ndarray:
 
 def _find(document: dict[str, Any], name: str) -> Any:
     names = (name, *_ALSO.get(name, ()))
-    places = [document, *(part for section in _SECTIONS if isinstance(part := document.get(section), dict))]
+    summary = document.get("summary")
+    pooled = summary.get("pooled") if isinstance(summary, dict) else None
+    places = [place for place in (document, document.get("envelope"), pooled) if isinstance(place, dict)]
     for place in places:
         for one in names:
-            if one in place and not isinstance(place[one], dict):
+            pair_instead = name in _PAIRS and isinstance(place.get(one), list)
+            if one in place and not isinstance(place[one], dict) and not pair_instead:
                 return place[one]
         if name in _PAIRS:
-            pair, index = _PAIRS[name]
-            if isinstance(place.get(pair), list) and len(place[pair]) == 2:
-                return place[pair][index]
+            pairs, index = _PAIRS[name]
+            for pair in pairs:
+                if isinstance(place.get(pair), list) and len(place[pair]) == 2:
+                    return place[pair][index]
     return _MISSING
 
 
@@ -104,6 +121,8 @@ def _convert(where: str, field: Field, value: Any) -> Any:
         return [float(one) for one in limits] + [0.0] * (LIMITS - len(limits))
     if field.name == "burns" and isinstance(value, bool):
         return int(value)
+    if field.name == "burns" and isinstance(value, list) and all(_is_number(one) for one in value):
+        return int(any(one > 0.0 for one in value))
     if not _is_number(value) or (field.kind == "i8" and value != int(value)):
         raise OperatorError(f"{where}: {value!r} is no {'whole ' if field.kind == 'i8' else ''}number [{field.unit}]")
     return int(value) if field.kind == "i8" else float(value)

@@ -192,6 +192,35 @@ def test_certificate_json_is_read_liberally(tmp_path: Path) -> None:
     assert hash_text(one["ensemble_sha256"]) == "ab" * 32
 
 
+def test_certificate_json_of_ground_certify_is_read(tmp_path: Path) -> None:
+    """GIVEN the names under which `ground certify` writes WHEN read THEN the same record; a full certification that
+    missed a target is not signed."""
+    made = {
+        "grade": "quick",
+        "certified": False,
+        "table_crc32": f"{TABLE.crc32:08x}",
+        "ensemble_sha256": "ab" * 32,
+        "attempt": 1,
+        "envelope": {
+            "perigee_altitude_km": [350, 1000.0],
+            "apogee_altitude_km": 1400.0,
+            "age_s": 2000.0,
+            "f107_sfu": [70.0, 200.5],
+            "sigma_position_m": [1.0, 5.0],
+            "fixes_before_s": 600.0,
+            "announced_burns_mps": [0.0, 0.5],
+        },
+        "summary": {"pooled": {"outages": 100, "violated": 0, "upper_limit_95": 0.0296}},
+    }
+    expected = read_certificate(written(tmp_path, DOCUMENT))
+    expected["limits_m"] = 0.0
+    assert read_certificate(written(tmp_path, made)).tobytes() == expected.tobytes()
+    made["envelope"]["announced_burns_mps"] = [0.0, 0.0]  # type: ignore[index]
+    assert read_certificate(written(tmp_path, made))["burns"][0] == 0
+    with pytest.raises(OperatorError, match="missed tightness; a table that missed is not signed"):
+        read_certificate(written(tmp_path, {**made, "grade": "full", "missed": ["tightness"]}))
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -328,6 +328,7 @@ def flown(announced_s: float, stop_s: int, fix_stop_s: int = 100, **burn: Any) -
     return record(memory.nav), whole_seconds, outputs[-1]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("frame", [BurnFrame.RTN, BurnFrame.GCRF])
 @pytest.mark.parametrize("announced_s", [120.0, 121.0, 122.5, 124.99])
 def test_a_late_announcement_is_caught_up(frame: int, announced_s: float) -> None:
@@ -347,6 +348,7 @@ def test_a_late_announcement_is_caught_up(frame: int, announced_s: float) -> Non
     np.testing.assert_allclose(fix["innovation_sigma"], fix_expected["innovation_sigma"], rtol=0.01)
 
 
+@pytest.mark.compiled
 def test_a_late_fix_after_a_late_announcement_meets_the_same_covariance() -> None:
     """GIVEN a burn of large sigma, announced 3 s late WHEN a fix 0.9 s late follows at once THEN its innovation is
     expected to be as large as after an announcement in time: epochs of the past are caught up too."""
@@ -360,6 +362,7 @@ def test_a_late_fix_after_a_late_announcement_meets_the_same_covariance() -> Non
     assert sigmas[0][3:].max() > 3.0
 
 
+@pytest.mark.compiled
 def test_a_burn_that_comes_too_late_raises_the_flag() -> None:
     nav, outputs, _ = flown(126.0, 140)
     assert outputs["flag"][125] == FlagState.CLEAR
@@ -368,6 +371,7 @@ def test_a_burn_that_comes_too_late_raises_the_flag() -> None:
     assert nav.rejected[LATE] == 1
 
 
+@pytest.mark.compiled
 def test_a_burn_flown_is_the_truth_of_a_burn() -> None:
     """GIVEN a kick of 1 m/s in a second, announced, with fixes all the time WHEN flown THEN no innovation notices it:
     the state stays within its sigma of the true one, kicked in the middle of that second."""

@@ -1,0 +1,50 @@
+"""The envelope of a certificate: whether what was proven covers the state here and now.
+
+A table without a certificate has none; what that means for its users is said where the state is published.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.kernels.registry import kernel
+
+_EQUATOR_KM = 6378.137  # heights of a certificate are above a sphere
+
+
+@kernel
+def is_certified(table):
+    """Whether the table in use carries a certificate, of whatever grade."""
+    return table.envelope_grade > 0.0
+
+
+@kernel
+def outlived(nav, table, t_gps_ns):
+    """Whether the outage is older than the age up to which the bound was proven."""
+    return is_certified(table) and (t_gps_ns - nav.t_fix_gps_ns) * 1e-9 > table.envelope_certified_age_s
+
+
+@kernel
+def note_burn(nav, table, burning, t_gps_ns):
+    """A burn that the certificate does not cover: what was estimated before it proves nothing after it."""
+    if burning and is_certified(table) and table.envelope_burns == 0.0:
+        nav.t_start_gps_ns = t_gps_ns
+
+
+@kernel
+def covers(nav, table, f107, t_gps_ns):
+    """Whether a certified table holds for this state: height, age, activity, noise, time since convergence.
+
+    f107: solar activity [sfu] of the force table in use; 0 where none flies.
+    """
+    r = nav.x
+    height_km = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * 1e-3 - _EQUATOR_KM
+    # written so that NaN, which compares false with everything, is outside
+    return (
+        table.envelope_altitude_min_km <= height_km
+        and height_km <= table.envelope_altitude_max_km
+        and (t_gps_ns - nav.t_fix_gps_ns) * 1e-9 <= table.envelope_certified_age_s
+        and (f107 == 0.0 or (table.envelope_f107_min <= f107 and f107 <= table.envelope_f107_max))
+        and nav.sigma_fix_m <= table.envelope_fix_sigma_max_m
+        and (nav.t_fix_gps_ns - nav.t_start_gps_ns) * 1e-9 >= table.envelope_convergence_s
+    )

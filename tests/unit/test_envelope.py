@@ -1,0 +1,216 @@
+"""The envelope of a certificate in flight: never trusted outside of it, and the certified age raises the flag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import harness
+import numpy as np
+import pytest
+from certificates import certified
+from certificates import record as certificate
+from flight_bench import (
+    NS,
+    circular_orbit,
+    finish,
+    loaded_memory,
+    put_fixes,
+    record,
+    run,
+    steady_calls,
+    two_body,
+)
+from harness import Flight, load
+
+from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
+from flightsw.icd.enums import BurnFrame, FlagState, Governing, Mode, Validity, Verdict
+from flightsw.icd.table_file import decode
+from flightsw.integrity.time_to_flag import look_ahead
+from flightsw.memory import Memory
+from flightsw.records import ENVELOPE
+from ground.tables.build import build_navigation
+
+ORBIT = circular_orbit(500e3)
+WIDE = {"convergence_s": 20.0, "certified_age_s": 5000.0, "fix_sigma_max_m": 5.0}
+
+
+def truth(t_gps_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return two_body(ORBIT, t_gps_ns)
+
+
+def memory_with(**changes: Any) -> Memory:
+    """Set two_body of the bench, with a certificate that covers 500 km unless changed."""
+    memory = loaded_memory("two_body", limit_m=1e5)
+    values = certificate(decode(build_navigation("paper")), **{**WIDE, **changes})
+    memory.load_envelope(values)
+    return memory
+
+
+def flown(memory: Memory, inputs: np.ndarray) -> tuple[list[int], list[int]]:
+    said = [(int(out.verdict), int(out.validity)) for out in run(memory, inputs)]
+    return [verdict for verdict, _ in said], [validity for _, validity in said]
+
+
+def test_the_record_takes_every_field_of_the_envelope() -> None:
+    memory = memory_with()
+    assert all(memory.table[name][0] != 0.0 for name in ENVELOPE)
+    assert not memory.table.flags.writeable
+    memory.load_envelope(None)
+    assert all(memory.table[name][0] == 0.0 for name in ENVELOPE)
+
+
+def test_trusted_only_after_convergence() -> None:
+    """GIVEN a certificate for 20 s after the start and later WHEN fixes come THEN NOT_CERTIFIED and state not valid
+    until then, TRUSTED and valid from then on."""
+    memory = memory_with()
+    verdicts, validity = flown(memory, steady_calls(60, truth))
+    started = int(record(memory.nav).t_start_gps_ns)
+    from flight_bench import T0_GPS_NS
+
+    ready = (started - T0_GPS_NS) // NS + 20
+    assert set(verdicts[ready - 10 : ready]) == {Verdict.NOT_CERTIFIED}
+    assert set(verdicts[ready:]) == {Verdict.TRUSTED}
+    assert not any(one & Validity.STATE_VALID for one in validity[:ready])
+    assert all(one & Validity.STATE_VALID for one in validity[ready:])
+
+
+@pytest.mark.parametrize(
+    "outside",
+    [
+        {"altitude_min_km": 510.0},
+        {"altitude_max_km": 490.0},
+        {"fix_sigma_max_m": 0.9},
+    ],
+    ids=lambda outside: next(iter(outside)),
+)
+def test_never_trusted_outside_the_envelope(outside: dict[str, float]) -> None:
+    """GIVEN 500 km and fixes that claim 1 m WHEN the certificate covers something else THEN NOT_CERTIFIED throughout,
+    with fixes and without, and the state is not valid; with a certificate that covers them, trusted."""
+    inputs = steady_calls(90, truth, fix_stop_s=60)
+    for changes, wanted in ((outside, {Verdict.NOT_CERTIFIED}), ({}, {Verdict.TRUSTED, Verdict.TRUSTED_COASTING})):
+        verdicts, validity = flown(memory_with(**changes), inputs)
+        assert set(verdicts[40:]) == wanted
+        assert all(bool(one & Validity.STATE_VALID) is not bool(outside is changes) for one in validity[40:])
+
+
+def test_activity_is_that_of_the_force_table() -> None:
+    """GIVEN the envelope's rule WHEN the force table's flux lies outside THEN not covered; if none flies, covered."""
+    from flightsw.integrity import envelope
+
+    memory = memory_with(f107_min=70.0, f107_max=150.0)
+    finish(run(memory, steady_calls(60, truth)))
+    nav, table = record(memory.nav), record(memory.table)
+    now = int(nav.t_fix_gps_ns)
+    assert [bool(envelope.covers(nav, table, flux, now)) for flux in (0.0, 69.0, 70.0, 150.0, 151.0, np.nan)] == [
+        *(True, False, True, True, False, False)
+    ]
+
+
+def test_the_certified_age_raises_the_flag_as_the_limit_does() -> None:
+    """GIVEN a certificate for 40 s WHEN the outage is older THEN the flag is raised at the first step past 40 s, though
+    the bound is far below the limit; it stays until fixes have cleared it by the table's rules."""
+    memory = memory_with(certified_age_s=40.0)
+    inputs = steady_calls(200, truth, fix_stop_s=60)
+    put_fixes(inputs, slice(130, None), inputs["pulse_gps_ns"][130:], truth)
+    rows = [
+        (int(o.flag), int(o.verdict), int(o.mode), float(o.flag_age_s), float(o.bound_m)) for o in run(memory, inputs)
+    ]
+    raised = [k for k, row in enumerate(rows) if row[0] == FlagState.RAISED]
+    assert raised[0] == 59 + 41
+    assert rows[raised[0]][1:3] == (Verdict.DO_NOT_USE, Mode.FAILED)
+    assert 40.0 <= rows[raised[0]][3] <= 41.0
+    assert rows[raised[0]][4] < 1e5
+    clear_fixes = int(memory.table["clear_fixes"][0])
+    assert raised[-1] + 1 == 130 + clear_fixes - 1
+    assert rows[-1][1] == Verdict.TRUSTED
+    assert raised == list(range(raised[0], raised[-1] + 1))
+
+
+def burn_at(inputs: np.ndarray, k: int) -> None:
+    inputs["burn_present"][k], inputs["burn_id"][k], inputs["burn_frame"][k] = 1, 3, int(BurnFrame.RTN)
+    inputs["burn_start_gps_ns"][k] = inputs["pulse_gps_ns"][k] + 5 * NS
+    inputs["burn_duration_ns"][k] = 10 * NS
+    inputs["burn_sigma_mps"][k] = 1e-4
+
+
+@pytest.mark.parametrize("covered", [True, False])
+def test_a_burn_that_is_not_covered_begins_convergence_anew(covered: bool) -> None:
+    """GIVEN a burn of 10 s from 65 s on, announced WHEN the certificate does not cover burns THEN NOT_CERTIFIED from
+    its begin until 20 s after its end; WHEN it does THEN trusted throughout."""
+    inputs = steady_calls(130, truth)
+    burn_at(inputs, 60)
+    verdicts, _ = flown(memory_with(burns=int(covered)), inputs)
+    doubted = [k for k, verdict in enumerate(verdicts) if verdict == Verdict.NOT_CERTIFIED and k > 50]
+    if covered:
+        assert doubted == []
+    else:
+        assert doubted == list(range(doubted[0], doubted[-1] + 1))
+        assert doubted[0] in (65, 66)
+        assert 93 <= doubted[-1] <= 95
+
+
+def test_the_time_to_flag_ends_at_the_certified_age() -> None:
+    """GIVEN a certificate for 300 s and a limit that no bound reaches WHEN the time to flag is predicted THEN it is
+    300 s after the last fix, and the certified age governs."""
+    memory = memory_with(certified_age_s=300.0)
+    inputs = steady_calls(60, truth)
+    finish(run(memory, inputs))
+    for _ in range(1000):
+        look_ahead(
+            memory.nav,
+            memory.table,
+            memory.orientation,
+            memory.forces,
+            memory.field_ahead,
+            memory.work,
+            memory.scratch,
+            memory.ahead,
+            int(inputs["counter_now_ns"][-1]),
+            10,
+        )
+        if memory.ahead["valid"][0]:
+            break
+    assert memory.ahead["governing"][0] == Governing.CERTIFIED_AGE
+    assert memory.ahead["t_flag_gps_ns"][0] - memory.nav["t_fix_gps_ns"][0] == 300 * NS
+
+
+def published(flight: Flight, layout: Any, name: str) -> list[int]:
+    place = layout.dtype.names.index(name)
+    import struct
+
+    return [
+        struct.unpack(layout.struct_format, payload)[place]
+        for _, frame_id, payload in flight.published
+        if frame_id == layout.frame_id
+    ]
+
+
+@pytest.mark.parametrize("required", [False, True])
+def test_an_uncertified_table_is_never_trusted_in_words(required: bool) -> None:
+    """GIVEN a set without a certificate WHEN it flies THEN INTEGRITY never says TRUSTED but NOT_CERTIFIED; its state
+    stays valid for those who fly it, unless flight was told to require a certificate."""
+    with Flight(load('flight.table_set="paper"')) as flight:
+        flight.loop.require_certificate = required
+        flight.fly(until_s=20.0)
+        verdicts = published(flight, INTEGRITY, "verdict")
+        assert set(verdicts) == {Verdict.NOT_READY, Verdict.NOT_CERTIFIED}
+        assert verdicts[-1] == Verdict.NOT_CERTIFIED
+        valid = bool(published(flight, NAV_STATE, "validity")[-1] & Validity.STATE_VALID)
+        assert valid is not required
+        assert flight.out["verdict"][0] == Verdict.TRUSTED  # the step itself: what campaigns certify
+
+
+def test_a_certified_table_is_trusted_within(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN the same set with a certificate that covers the scenario WHEN it flies THEN INTEGRITY says TRUSTED."""
+    from flightsw.kernels import registry
+    from flightsw.tables.stimulus import encode
+    from ground.campaign.stimulus import make
+
+    registry.warm_up()
+    plain = build_navigation("paper")
+    image = certified(plain, stimulus=encode(*make(decode(plain))), convergence_s=5.0)
+    monkeypatch.setattr(harness, "build_navigation", lambda *_: image)
+    with Flight(load('flight.table_set="paper"')) as flight:
+        flight.fly(until_s=20.0)
+        assert published(flight, INTEGRITY, "verdict")[-1] == Verdict.TRUSTED
+        assert published(flight, INTEGRITY, "certificate")[-1] == 2
