@@ -68,7 +68,7 @@ def steady_figures(plan: Plan, figures: Arrays) -> Summary:
     if "flight_nees" in figures:
         values = figures["flight_nees"][steady] / STATES
         count = len(values) // REVOLUTION_S
-        found |= _mean_nees(values, values[: count * REVOLUTION_S].reshape(count, -1).mean(axis=1))
+        found |= _mean_nees(values, values[: count * REVOLUTION_S].reshape(count, REVOLUTION_S).mean(axis=1))
     return found
 
 
