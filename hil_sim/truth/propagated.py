@@ -145,13 +145,20 @@ def _nodes(
     Nodes before the start end nothing: `state` comes back.
     """
     t0_ns, step_ns = arc.t_start_ns, arc.step_ns
-    reach_s = (numbers[0] if numbers[0] < 0 else numbers[-1]) * step_ns / 1e9
+    backward = numbers[0] < 0
+    # satkit's interpolation of many instants walks its steps once: out of the order of integration it extrapolates a
+    # step it has passed, by kilometres and without a word
+    flown = numbers[::-1] if backward else numbers
     result = satkit.propagate(
-        state, satkit_time(satkit, t0_ns), duration_secs=reach_s, propsettings=settings, satproperties=satellite
+        state,
+        satkit_time(satkit, t0_ns),
+        duration_secs=flown[-1] * step_ns / 1e9,
+        propsettings=settings,
+        satproperties=satellite,
     )
-    samples = np.array(result.interp([satkit_time(satkit, t0_ns + n * step_ns) for n in numbers]))
-    if numbers[0] < 0:
-        return samples, state
+    samples = np.array(result.interp([satkit_time(satkit, t0_ns + n * step_ns) for n in flown]))
+    if backward:
+        return samples[::-1], state
     return samples, np.array(result.interp(satkit_time(satkit, arc.t_end_ns)))
 
 
