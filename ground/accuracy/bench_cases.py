@@ -46,7 +46,7 @@ class Orbit(NamedTuple):
     period_s: float | None = None  # of a simulated orbit
 
 
-# Cross-section by mass from public figures: GRACE-FO 600 kg and 1.0 m2 (frontal, it is drag that counts there), Sentinel-3
+# Cross-section by mass from public figures: GRACE-FO 600 kg and 1.0 m2 (frontal: drag is what counts there), Sentinel-3
 # 1150 kg, array of 10.5 m2 and body of 2.2 m by 2.2 m, Sentinel-1 2200 kg, Jason-2 510 kg, with their solar arrays.
 _SENTINEL_3A = "leo_sp3/ssas3a20.b18358.e19003.DG_.sp3.gz"
 _GRACE_FO = "leo_gracefo/GRACE-C_59412_orbit_crf.orb.gz"
