@@ -5,6 +5,9 @@ grown linearly since, each link's best estimate of the growth is a weighted sum 
 out of. These estimates go into the same weighted test as the residuals of one epoch; what turns a healthy satellite's
 constant error or its rate into growth, the turning of the lines of sight above all, is in their covariance.
 
+Against a fault that is there from the beginning of an ephemeris the mean of some blocks is tested as well: its noise is
+small, and what is left is what healthy satellites may broadcast.
+
 A bank of ages is tried, one in an epoch, whenever a block is finished (Willsky and Jones 1976: a generalised likelihood
 ratio over the onset, here on a fixed grid).
 """
@@ -91,23 +94,30 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
     """Row `at` of the test: growth [m/s] of a pair's residual since `onset_blocks` ago; NaN where too little is known.
 
     The estimate is sum_k n_k (t_k - t_mean) b_k / D with D = sum_k n_k (t_k - t_mean)^2: b_k the mean of n_k residuals
-    of block k, t_k its time since the onset, not below zero. Its variance is sigma^2 / D.
+    of block k, t_k its time since the onset, not below zero. Its variance is sigma^2 / D. For a negative `onset_blocks`
+    it is the mean [m] of the last so many blocks, which is the same sum with t_k = 1 and t_mean = 0.
     """
     now = history["block"]
+    level = onset_blocks < 0
     first = max(max(now - BLOCKS + 1, history["since"][receiver]), max(history["since"][sender], 0))
     onset = now - onset_blocks
+    unit_s = block_s
+    if level:
+        first = max(first, now + onset_blocks)
+        unit_s = 1.0
     pair = receiver * SATELLITES + sender
     total, mean = 0.0, 0.0
     for block in range(first, now):
         n = history["count"][block % BLOCKS, pair]
         total += n
-        mean += n * max(0.0, block + 0.5 - onset)
+        if not level:
+            mean += n * max(0.0, block + 0.5 - onset)
     if not (total > 0.0):
         return math.nan
     mean /= total
     spread = 0.0
     for block in range(first, now):
-        t = max(0.0, block + 0.5 - onset) - mean
+        t = 1.0 if level else max(0.0, block + 0.5 - onset) - mean
         spread += history["count"][block % BLOCKS, pair] * t * t
     if not (spread > 0.0):
         return math.nan
@@ -121,13 +131,13 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
     start = first
     for block in range(first, now):
         row = block % BLOCKS
-        t = max(0.0, block + 0.5 - onset)
-        share = (t - mean) / (spread * block_s)
+        t = 1.0 if level else max(0.0, block + 0.5 - onset)
+        share = (t - mean) / (spread * unit_s)
         estimate += share * history["sum_m"][row, pair]
         w = share * history["count"][row, pair]
         weight += w
         moment += w * (block + 0.5 - now) * block_s
-        ramp += w * t * block_s
+        ramp += w * t * unit_s
         if block - start + 1 == _GROUP or block == now - 1:
             if not _add_group(
                 history, test, at, receiver, sender, (start + block) // 2, two_way, weight, moment, ramp, work
@@ -135,7 +145,7 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
                 return math.nan
             start = block + 1
             weight, moment, ramp = 0.0, 0.0, 0.0
-    test["noise_m2"][at] = sigma_range_m * sigma_range_m / (spread * block_s * block_s)
+    test["noise_m2"][at] = sigma_range_m * sigma_range_m / (spread * unit_s * unit_s)
     return estimate
 
 

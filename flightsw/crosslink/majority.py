@@ -21,3 +21,9 @@ def majority(residual_m, links, threshold_m):
         if abs(residual_m[index]) > threshold_m:
             beyond += 1
     return UNRELIABLE if 2 * beyond > links else RELIABLE
+
+
+@kernel
+def heard_by(satellite, receiver, sender, both):
+    """Whether a link counts for a satellite's majority: one that it received, or one with it, if pairs range once."""
+    return receiver == satellite or (sender == satellite and not both)

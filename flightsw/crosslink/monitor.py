@@ -14,9 +14,9 @@ from flightsw.crosslink.geometry import link_residual
 from flightsw.crosslink.history import begin_epoch, contrast_of, enter, local_axes
 from flightsw.crosslink.isolation import isolate
 from flightsw.crosslink.latches import latch_majority, latch_network, latch_own, latch_slow
-from flightsw.crosslink.majority import majority
+from flightsw.crosslink.majority import heard_by, majority
 from flightsw.crosslink.own import own_verdict
-from flightsw.crosslink.records import EPOCH, HISTORY, MONITOR_TABLE, NEIGHBOURS, STATE, TEST, VERDICT, WORK
+from flightsw.crosslink.records import EPOCH, HISTORY, MONITOR_TABLE, OWN_LINKS, STATE, TEST, VERDICT, WORK
 from flightsw.crosslink.subspace import subspace
 from flightsw.crosslink.weighted_test import evaluate, prepare
 from flightsw.kernels.registry import frozen_records, records
@@ -58,7 +58,7 @@ def _residuals(table, epoch, test, work):
         test["receiver"][kept], test["sender"][kept] = receiver, sender
         epoch["receiver"][kept], epoch["sender"][kept] = receiver, sender
         work["residual_m"][kept] = value
-        if (receiver == own or sender == own) and own_links < NEIGHBOURS:
+        if heard_by(own, receiver, sender, table["both"] != 0) and own_links < OWN_LINKS:
             work["own_residual_m"][own_links] = value
             own_links += 1
         kept += 1

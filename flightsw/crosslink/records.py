@@ -9,7 +9,7 @@ import numpy as np
 
 SATELLITES = 32  # that a monitor can hold
 LINKS = 256  # of one epoch; 24 satellites in three planes have some 112 pairs in view
-NEIGHBOURS = SATELLITES - 1
+OWN_LINKS = 2 * (SATELLITES - 1)
 PARAMETERS = 4  # of a satellite's error: radial, along-track, cross-track, clock
 COLUMNS = SATELLITES * PARAMETERS
 PAIRS = SATELLITES * SATELLITES
@@ -22,11 +22,12 @@ MONITOR_TABLE = np.dtype(
         ("satellites", "i8"),
         ("own", "i8"),  # index of the satellite that flies this
         ("two_way", "i8"),
+        ("both", "i8"),  # 1: every pair is measured by both satellites, each link on its own
         ("faulty_max", "i8"),
         ("block_epochs", "i8"),  # epochs averaged into a block of the history
         ("clear_epochs", "i8"),  # in a row without a finding before a satellite is taken in again
         ("onsets", "i8"),
-        ("onset_blocks", "i8", (ONSETS,)),  # ages of a slow fault that are tried
+        ("onset_blocks", "i8", (ONSETS,)),  # ages of a slow fault that are tried; negative: mean of so many blocks
         ("epoch_s", "f8"),
         ("sigma_range_m", "f8"),
         ("sigma_m", "f8", (PARAMETERS,)),  # of what a healthy satellite broadcasts: radial, along, cross, clock
@@ -150,7 +151,7 @@ VERDICT = np.dtype(
         ("network_worst", "i8"),  # whose it is, or -1
         ("network_slow_statistic", "f8"),
         ("network_slow_worst", "i8"),
-        ("slow_age_s", "f8"),  # onset that was tried in this epoch; NaN: none
+        ("slow_age_s", "f8"),  # onset that was tried in this epoch, negative: mean; NaN: none
         ("faulty", "i8"),  # bit mask of the excluded
         ("named", "i8"),  # bit mask: newly named in this epoch
         ("included", "i8"),  # bit mask: taken in again in this epoch
@@ -170,8 +171,8 @@ WORK = np.dtype(
         ("usable", "i8", (SATELLITES,)),
         ("residual_m", "f8", (LINKS,)),
         ("contrast_m", "f8", (LINKS,)),
-        ("own_residual_m", "f8", (NEIGHBOURS,)),
-        ("peer", "i8", (NEIGHBOURS,)),  # other ends of the rows of the own-satellite test
+        ("own_residual_m", "f8", (OWN_LINKS,)),
+        ("peer", "i8", (SATELLITES,)),  # satellites of the own-satellite test, from its number 1
         ("position", "f8", (3,)),
         ("direction", "f8", (3,)),
         ("h", "f8", (2, PARAMETERS)),

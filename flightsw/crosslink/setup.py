@@ -11,7 +11,6 @@ from flightsw.crosslink.records import (
     BLOCKS,
     EPOCH,
     HISTORY,
-    LINKS,
     MONITOR_TABLE,
     ONSETS,
     PARAMETERS,
@@ -37,6 +36,7 @@ class Settings:
     satellites: int = 24
     own: int = 0
     two_way: bool = False
+    both: bool = False
     sigma_range_m: float = 11.8
     sigma_m: tuple[float, float, float, float] = (0.5, 3.5, 3.5, 0.0)
     sigma_rate_mps: tuple[float, float, float, float] = (0.0017, 0.0002, 0.0002, 0.0)
@@ -47,7 +47,7 @@ class Settings:
     faulty_max: int = 6
     epoch_s: float = 1.0
     block_epochs: int = 10
-    onset_blocks: tuple[int, ...] = (4, 7, 10, 14, 20, 28, 40, 56, 80)
+    onset_blocks: tuple[int, ...] = (-3, -12, 4, 7, 10, 16, 24, 36, 54, 80)
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the setting, for what no monitor can be built from."""
@@ -68,7 +68,7 @@ class Settings:
             ("epoch_s", not self.epoch_s > 0.0),
             ("block_epochs", self.block_epochs < 1),
             ("onset_blocks", not 0 <= len(self.onset_blocks) <= min(ONSETS, self.block_epochs)),
-            ("onset_blocks", not all(1 <= blocks < BLOCKS for blocks in self.onset_blocks)),
+            ("onset_blocks", not all(1 <= abs(blocks) < BLOCKS - 1 for blocks in self.onset_blocks)),
         ):
             if bad:
                 raise ValueError(f"crosslink monitor: {name} = {getattr(self, name)} is out of its range")
@@ -86,7 +86,7 @@ def build_table(settings: Settings) -> np.ndarray:
     """
     table = np.zeros(1, MONITOR_TABLE)
     record = table[0]
-    for name in ("satellites", "own", "two_way", "faulty_max", "block_epochs", "clear_epochs", "epoch_s"):
+    for name in ("satellites", "own", "two_way", "both", "faulty_max", "block_epochs", "clear_epochs", "epoch_s"):
         record[name] = getattr(settings, name)
     record["sigma_range_m"] = settings.sigma_range_m
     record["sigma_m"], record["sigma_rate_mps"] = settings.sigma_m, settings.sigma_rate_mps
@@ -149,6 +149,3 @@ class MonitorMemory:
             self.work,
             self.verdict,
         )
-
-
-assert LINKS >= SATELLITES - 1

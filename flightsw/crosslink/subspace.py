@@ -66,7 +66,7 @@ def _longest(root, dof, vector, image):
 
 @kernel
 def subspace(table, test, state, work, verdict):
-    """Fill rank, parameters, undetectable dimension and weakest jump; anew when links have come or gone, and at times."""
+    """Fill rank, parameters, undetectable dimension, weakest jump; anew when links have come or gone, and at times."""
     if test["links"] == state["linked"] and state["epochs"] % _EVERY_EPOCHS != 0:
         return
     state["linked"] = test["links"]
