@@ -11,7 +11,7 @@ from flightsw.crosslink.own import decide
 from flightsw.crosslink.records import MONITOR_TABLE, TEST, WORK
 from flightsw.crosslink.setup import MonitorMemory
 from flightsw.crosslink.weighted_test import evaluate
-from flightsw.kernels.registry import MATRIX, frozen_records, records
+from flightsw.kernels.registry import MATRIX, TIMES, frozen_records, records
 
 JUDGED = np.dtype(
     [
@@ -29,12 +29,21 @@ JUDGED = np.dtype(
 
 
 def _declare(room):
-    @entry(frozen_records(MONITOR_TABLE), records(TEST), records(TEST), records(WORK), MATRIX, MATRIX, records(JUDGED))
-    def _judge(tables, networks, owns, works, errors_m, noise_m, judged):
+    @entry(
+        frozen_records(MONITOR_TABLE),
+        records(TEST),
+        records(TEST),
+        records(WORK),
+        MATRIX,
+        MATRIX,
+        TIMES,
+        TIMES,
+        records(JUDGED),
+    )
+    def _judge(tables, networks, owns, works, errors_m, noise_m, heard, start, judged):
         table, network, own, work = tables[0], networks[0], owns[0], works[0]
         satellites, links = table["satellites"], network["links"]
         threshold = table["network_threshold"]
-        both = table["both"] != 0
         h, residual, mine = network["h"], work["residual_m"], work["own_residual_m"]
         for upload in range(errors_m.shape[0]):
             result = judged[upload]
@@ -48,11 +57,9 @@ def _declare(room):
             beyond = 0
             for satellite in range(satellites):
                 count = 0
-                for link in range(links):
-                    at, to = network["receiver"][link], network["sender"][link]
-                    if count < mine.shape[0] and heard_by(satellite, at, to, both):
-                        mine[count] = residual[link]
-                        count += 1
+                for place in range(start[satellite], start[satellite + 1]):
+                    mine[count] = residual[heard[place]]
+                    count += 1
                 if satellite == table["own"]:
                     largest = 0.0
                     for link in range(count):
@@ -99,8 +106,21 @@ def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> n
     (k,) of JUDGED.
     """
     judged = np.zeros(len(errors_m), JUDGED)
-    _judge(memory.table, memory.network, memory.own, memory.work, errors_m, noise_m, judged)
+    heard, start = _heard(memory)
+    _judge(memory.table, memory.network, memory.own, memory.work, errors_m, noise_m, heard, start, judged)
     return judged
+
+
+def _heard(memory: MonitorMemory) -> tuple[np.ndarray, np.ndarray]:
+    """Links that count for each satellite's majority, in one list, and where each satellite's begin (n + 1,)."""
+    test, table = memory.network[0], memory.table[0]
+    links, n = int(test["links"]), int(table["satellites"])
+    lists = [
+        [k for k in range(links) if heard_by(i, test["receiver"][k], test["sender"][k], bool(table["both"]))]
+        for i in range(n)
+    ]
+    start = np.cumsum([0, *(len(one) for one in lists)])
+    return np.array([k for one in lists for k in one], np.int64), start.astype(np.int64)
 
 
 def mask_of(satellites: tuple[int, ...] | np.ndarray) -> int:

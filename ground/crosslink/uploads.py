@@ -54,7 +54,7 @@ class Uploads:
     setting: Setting = field(default_factory=lambda: Setting(both=True))
     seeds: Seeds = field(default_factory=lambda: tuning(1))
     healthy: int = 50_000
-    faulty: int = 400
+    faulty: int = 200
 
 
 def work(uploads: Uploads, first: int, last: int) -> Arrays:
