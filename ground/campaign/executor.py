@@ -49,8 +49,8 @@ def complete(
     """Fly what the folder lacks of runs 0 to runs - 1; figures of all of them, also written as one file.
 
     advance is told how many runs came in. work(flight, first, last): figures of a chunk, a function of a module;
-    whatever it flies, a run must draw from its own number alone. dask: address of a scheduler, for example tcp://host:8786. Raises
-    OperatorError; after KeyboardInterrupt finished chunks are kept and the same call goes on.
+    whatever it flies, a run must draw from its own number alone. dask: address of a scheduler, for example
+    tcp://host:8786. Raises OperatorError; after KeyboardInterrupt finished chunks are kept and the same call goes on.
     """
     lacking = store.missing(folder, runs)
     advance(runs - len(lacking))

@@ -29,7 +29,7 @@ from flightsw.crosslink.setup import MonitorMemory, Settings
 )
 def test_the_papers_rule(residuals: list[float], verdict: int) -> None:
     """GIVEN range differences of the paper's four variants, ties and gaps THEN the verdict is as the rule says."""
-    assert majority(np.array(residuals + [0.0]), len(residuals), 59.7) == verdict
+    assert majority(np.array([*residuals, 0.0]), len(residuals), 59.7) == verdict
 
 
 @given(st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=31), st.floats(1.0, 100.0))
@@ -104,7 +104,9 @@ def test_a_ramp_is_found_long_before_the_paper_would(direction: int, limit_s: in
     bench.faults = [ramp(3, direction, 0.05, onset_s=300.0)]
     bench.step(300)
     assert bench.verdict["faulty"] == 0
-    for second in range(limit_s + 40):
+    second = -1
+    while second < limit_s + 40:
+        second += 1
         verdict = bench.step()
         if verdict["named"]:
             break
@@ -226,7 +228,7 @@ def test_any_content_gives_a_verdict(data: st.DataObject) -> None:
 
 
 def test_a_monitor_of_few_satellites() -> None:
-    """GIVEN three satellites and one link WHEN judged THEN a verdict, without a fault, that knows what it cannot see."""
+    """GIVEN three satellites and one link WHEN judged THEN a verdict that knows what it cannot see."""
     memory = MonitorMemory(Settings(satellites=3, faulty_max=2))
     r, v = WALKER.states(0.0)
     memory.epoch["known"][0, :3] = 1
