@@ -11,6 +11,7 @@ from typing import Any
 from ground.errors import OperatorError
 
 HELP = "study the integrity monitors of a constellation that ranges between its satellites"
+USUAL_STUDY = Path("runs/crosslink")
 PARTS = ("paper", "uploads", "once", "tail", "ramps", "roc", "special", "day")
 USUAL_RUNS = {"uploads": 300, "once": 40, "ramps": 320}
 QUICK_RUNS = {"uploads": 2, "once": 1, "ramps": 8}
@@ -26,16 +27,51 @@ def add_arguments(subparsers: Any) -> None:
     study.add_argument("--runs", type=int, metavar="N", help="runs of each campaign (default: 300 of 50 000 uploads)")
     study.add_argument("--quick", action="store_true", help="a few runs, whether all works")
     study.add_argument("--seed", type=int, default=1, metavar="N", help="root of all random numbers (default 1)")
-    study.add_argument(
-        "--out", type=Path, default=Path("runs/crosslink"), metavar="DIR", help="folder (default runs/crosslink)"
-    )
+    study.add_argument("--out", type=Path, default=USUAL_STUDY, metavar="DIR", help=f"folder (default {USUAL_STUDY})")
     study.add_argument("--jobs", type=int, metavar="N", help="processes to fly in (default: 2, or 1 on one processor)")
     study.add_argument("--dask", metavar="ADDRESS", help="fly on a Dask cluster instead, for example tcp://host:8786")
     study.add_argument("--no-figures", action="store_true", help="draw nothing")
+    ledger = words.add_parser("ledger", help="write the reproduction ledger of the paper from a study")
+    ledger.add_argument(
+        "--study", type=Path, default=USUAL_STUDY / "study.json", metavar="FILE", help="study.json with paper, uploads"
+    )
+    ledger.add_argument(
+        "--out",
+        type=Path,
+        default=Path("docs/crosslink_ledger.md"),
+        metavar="FILE",
+        help="file to write (docs/crosslink_ledger.md)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly, write, print, return 0."""
+    """Fly, write, print, return 0; of a ledger whose verdicts do not hold, 1."""
+    return _ledger(args) if args.action == "ledger" else _study(args)
+
+
+def _ledger(args: argparse.Namespace) -> int:
+    from ground.crosslink import ledger
+
+    document = _held(args.study)
+    lacking = [part for part in ledger.NEEDED if part not in document]
+    if lacking:
+        raise OperatorError(
+            f"{args.study}: has no {' and '.join(lacking)}; run ground crosslink study --parts {' '.join(lacking)}"
+        )
+    text, failing = ledger.render(document)
+    if failing:
+        print("ground crosslink ledger: not written, measurements and verdicts disagree:")
+        print("\n".join(failing))
+        return 1
+    try:
+        args.out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OperatorError(f"--out {args.out}: cannot be written: {error.strerror}") from error
+    print(f"{args.out}: {len(ledger.CLAIMS)} claims")
+    return 0
+
+
+def _study(args: argparse.Namespace) -> int:
     for name in ("runs", "jobs"):
         value = getattr(args, name)
         if value is not None and value < 1:
@@ -48,10 +84,8 @@ def run(args: argparse.Namespace) -> int:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OperatorError(f"--out {args.out}: cannot be made: {error.strerror}") from error
-    from flightsw.kernels.registry import warm_up
     from ground.crosslink import report
 
-    warm_up()
     path = args.out / "study.json"
     document = _held(path)
     document["seed"] = args.seed
