@@ -12,7 +12,7 @@ from ground.errors import OperatorError
 
 HELP = "study the integrity monitors of a constellation that ranges between its satellites"
 USUAL_STUDY = Path("runs/crosslink")
-PARTS = ("paper", "uploads", "once", "tail", "ramps", "roc", "special", "day")
+PARTS = ("paper", "uploads", "once", "tail", "ramps", "roc", "special", "speed", "day")
 USUAL_RUNS = {"uploads": 300, "once": 40, "ramps": 320}
 QUICK_RUNS = {"uploads": 2, "once": 1, "ramps": 8}
 STOPPED = 130
@@ -116,7 +116,7 @@ def _held(path: Path) -> dict[str, Any]:
 
 
 def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[str, Any]:
-    from ground.crosslink import real_day, roc, study
+    from ground.crosslink import real_day, roc, speed, study
     from ground.crosslink.scene import Setting
 
     both = Setting(both=True)
@@ -136,6 +136,8 @@ def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[s
         return study.tail_part(both, args.seed, 300 if args.quick else 4000)
     if part == "special":
         return study.special_part(both, args.seed)
+    if part == "speed":
+        return speed.measure(both)
     if part == "roc":
         return roc.curves(both, args.seed, 1 if args.quick else 20)
     from ground.accuracy.command import data_folder

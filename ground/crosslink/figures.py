@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def draw(document: dict[str, Any], figures: dict[str, Any], folder: Path, seed: 
     if "paper" in document:
         made.append(("3_healthy.png", lambda: healthy(setting, seed)))
         for number, table in enumerate(paper.printed(), start=4):
-            made.append((f"{number}_table_{table.number}.png", lambda table=table: maps(setting, table, seed)))
+            made.append((f"{number}_table_{table.number}.png", partial(maps, setting, table, seed)))
     if "uploads" in document:
         made.append(("detection.png", lambda: detection(document["uploads"])))
     if "roc" in document:

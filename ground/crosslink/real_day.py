@@ -17,10 +17,9 @@ from flightsw.crosslink.monitor import monitor_epoch
 from flightsw.crosslink.setup import MonitorMemory, Settings
 from ground.crosslink.scene import fill_epoch
 from ground.errors import OperatorError
-from hil_sim.errors import DataError
 from hil_sim.truth.constellation.broadcast import broadcast
 from hil_sim.truth.constellation.crosslinks import Ranging, View, both
-from hil_sim.truth.constellation.glonass_day import GlonassDay, read_day
+from hil_sim.truth.constellation.glonass_day import DataError, GlonassDay, read_day
 
 PRECISE = "glonass_2009/esa15253.sp3.gz"
 BROADCAST = "glonass_2009/brdc0910.09g"

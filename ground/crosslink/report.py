@@ -117,6 +117,15 @@ def _special(found: dict[str, Any]) -> list[str]:
     return text
 
 
+def _speed(found: dict[str, Any]) -> list[str]:
+    text = ["microseconds an epoch, least / median / 99 %:"]
+    for name, one in found.items():
+        if name != "load":
+            times = " / ".join(f"{one[key]:.0f}" for key in ("least_us", "median_us", "p99_us"))
+            text.append(f"  {name}: {one['links']} links, {times}")
+    return [*text, f"  load of the machine {found['load']:.1f}"]
+
+
 def _day(found: dict[str, Any]) -> list[str]:
     text = []
     for name, one in found.items():
@@ -145,5 +154,6 @@ _PARTS = {
     "ramps": _ramps,
     "roc": _roc,
     "special": _special,
+    "speed": _speed,
     "day": _day,
 }

@@ -72,7 +72,7 @@ def ready(
     setting: Setting, t_s: float, own: int = 0, constellation: Constellation | None = None
 ) -> tuple[MonitorMemory, np.ndarray]:
     """A monitor after one epoch without any error, its tests ready; and the pairs (m,2) in view."""
-    where = setting.walker if constellation is None else constellation
+    where: Constellation = setting.walker if constellation is None else constellation
     memory = MonitorMemory(setting.monitor(own))
     r, v = where.states(t_s)
     seen = setting.view.pairs(r)
@@ -80,14 +80,10 @@ def ready(
     distance = flight_m(where, t_s)
     i, j = pairs[:, 0], pairs[:, 1]
     ranges = 0.5 * (distance[i, j] + distance[j, i]) if setting.two_way else distance[i, j]
-    fill_epoch(memory, t_s, *_three(broadcast(r, v, np.zeros((len(r), 4))), v), pairs, ranges)
+    position, clock = broadcast(r, v, np.zeros((len(r), 4)))
+    fill_epoch(memory, t_s, position, v, clock, pairs, ranges)
     monitor_epoch(*memory.arguments())
     return memory, pairs
-
-
-def _three(positions_and_clocks: tuple[np.ndarray, np.ndarray], v_mps: np.ndarray) -> tuple[np.ndarray, ...]:
-    r_m, clock_m = positions_and_clocks
-    return r_m, v_mps, clock_m
 
 
 @lru_cache(maxsize=4)

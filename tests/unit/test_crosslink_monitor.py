@@ -240,3 +240,24 @@ def test_a_monitor_of_few_satellites() -> None:
     verdict = memory.verdict[0]
     assert (verdict["rank"], verdict["parameters"], verdict["undetectable"]) == (1, 8, 7)
     assert verdict["majority"] == NO_VERDICT
+
+
+@pytest.mark.compiled
+def test_an_epoch_allocates_nothing() -> None:
+    """GIVEN epochs quiet, with faults, at the end of a block WHEN judged THEN the compiled code allocates no array."""
+    from numba.core.runtime import rtsys
+
+    bench = Bench(seed=16)
+    bench.step(25)
+    bench.faults = [jump(4, 1, 200.0), jump(9, 0, 200.0)]
+    arguments = bench.memory.arguments()
+    bench.put(bench.t_s)
+    before = rtsys.get_allocation_stats()
+    for _ in range(25):
+        monitor_epoch(*arguments)
+    after = rtsys.get_allocation_stats()
+    assert bench.state["faulty"].sum() == 2
+    # a call wraps its arguments, arrays of Python, and lets them go again; nothing more
+    wrapped = 25 * len(arguments)
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free == wrapped
+    assert after.alloc - before.alloc == after.free - before.free == wrapped

@@ -21,7 +21,9 @@ GLONASS_INCLINATION_DEG = 64.8
 class Constellation(Protocol):
     """True motion of n satellites."""
 
-    names: tuple[str, ...]
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of each satellite, in order."""
 
     def states(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions (n,3) and velocities (n,3); NaN for a satellite without a known orbit then."""
