@@ -245,18 +245,22 @@ def test_a_monitor_of_few_satellites() -> None:
 @pytest.mark.compiled
 def test_an_epoch_allocates_nothing() -> None:
     """GIVEN epochs quiet, with faults, at the end of a block WHEN judged THEN the compiled code allocates no array."""
-    from numba.core.runtime import rtsys
+    from numba.core.runtime import _nrt_python, rtsys
 
     bench = Bench(seed=16)
     bench.step(25)
     bench.faults = [jump(4, 1, 200.0), jump(9, 0, 200.0)]
     arguments = bench.memory.arguments()
     bench.put(bench.t_s)
-    before = rtsys.get_allocation_stats()
-    for _ in range(25):
-        monitor_epoch(*arguments)
-    after = rtsys.get_allocation_stats()
-    assert bench.state["faulty"].sum() == 2
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for _ in range(25):
+            monitor_epoch(*arguments)
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert bench.state["faulty"][[4, 9]].all()
     # a call wraps its arguments, arrays of Python, and lets them go again; nothing more
     wrapped = 25 * len(arguments)
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free == wrapped
