@@ -77,8 +77,8 @@ CLAIMS: tuple[Claim, ...] = (
         "tables 5 to 7, figures 4 to 6",
         "second 50",
         lambda s: (
-            "in the paper's model, which adds the whole error to the size of the noise on every link, yes. Then dR minus "
-            "the jump is "
+            "in the paper's model, which adds the whole error to the size of the noise on every link, yes. Then dR "
+            "minus the jump is "
             f"never negative (least printed {min(_table(s, n)['excess_least_m'] for n in (5, 6, 7)):.2f} m), which no "
             "error of position does: a link sees its projection, of either sign"
         ),
