@@ -19,10 +19,14 @@ from flightsw.icd.table_file import TableImage, TableRefused, encode
 from flightsw.journal import Journal
 from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Nowhere, Sink
+from flightsw.link_open import LinkOptions, LinkRefused, OpenedLink, open_ground_link
+from flightsw.main_loop import MainLoop
 from flightsw.provenance import identity
 from flightsw.tables.service import TableService
 from flightsw.tables.store import SLOTS, Booted, TableStore
 from flightsw.tables.validate import Policy, accept_at_start
+
+RESTART = 3  # exit status: start flight again
 
 
 class Refused(ValueError):
@@ -88,6 +92,7 @@ def open_logs(
     forces: app.ForceTables | None = None,
     resume: Resume | None = None,
     allow_saturating: bool = False,
+    two_way: bool = False,
 ) -> Journal:
     """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs."""
     if out is None:
@@ -103,7 +108,7 @@ def open_logs(
         if resume is not None:
             (out / app.RESUME_FILE).write_bytes(resume.image)
         flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
-        record = {"lockstep": False, **flight}
+        record = {"lockstep": False, "two_way_link": two_way, **flight}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out)
     except OSError as error:
@@ -117,7 +122,7 @@ def _encodable(table: TableImage) -> tuple[Any, ...]:
 def run(
     can_bus: str,
     tables: Path,
-    link: str | None,
+    link: LinkOptions,
     out: Path | None,
     ticks: int | None,
     checkpoints: app.Checkpoints | None = None,
@@ -128,7 +133,7 @@ def run(
     table_store: Path | None = None,
     require_certificate: bool = False,
 ) -> int:
-    """Fly until stopped, or for so many ticks. Returns the exit status.
+    """Fly until stopped, or for so many ticks. Returns the exit status, RESTART where the ground asked for one.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
     table_key: file of the key that must have signed the navigation table. allow_saturating: for a study.
@@ -145,12 +150,19 @@ def run(
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
     resumed = _load_resume(resume, resume_max_age_s, navigation)
-    sink = open_link(link)
-    port = open_port(can_bus)
+    ground = _open_ground_link(link)
+    sink: Sink = ground.port if ground is not None else Nowhere()
     try:
-        journal = open_logs(out, tables, navigation, orientation, forces, resumed, allow_saturating)
+        port = open_port(can_bus)
+        try:
+            journal = open_logs(
+                out, tables, navigation, orientation, forces, resumed, allow_saturating, ground is not None
+            )
+        except Refused:
+            port.close()
+            raise
     except Refused:
-        port.close()
+        sink.close()
         raise
     loop = None
     try:
@@ -176,6 +188,8 @@ def run(
             loop.keep_tables(
                 TableService(loop, record.nav, record.table, navigation, policy, store, booted.slot, table_store)
             )
+        if ground is not None:
+            _listen(loop, ground, link)
         loop.run(ticks)
     finally:
         if loop is not None and loop.checkpoints is not None:
@@ -186,7 +200,32 @@ def run(
     print(f"flightsw: {loop.tick} ticks, {loop.slips} slips")
     if loop.checkpoints is not None:
         print(f"flightsw: {loop.checkpoints.written} checkpoints written, {loop.checkpoints.failed} failed")
+    if loop.restart:
+        print("flightsw: ended to be started again, as the ground ordered")
+        return RESTART
     return 0
+
+
+def _open_ground_link(options: LinkOptions) -> OpenedLink | None:
+    if not options.addresses:
+        return None
+    try:
+        return open_ground_link(options, time.time_ns())
+    except LinkRefused as error:
+        raise Refused(str(error)) from error
+
+
+def _listen(loop: MainLoop, opened: OpenedLink, options: LinkOptions) -> None:
+    """Let the ground in; what it cannot have is said."""
+    loop.listen(opened.port, opened.access, options.state)
+    ground = loop.ground
+    assert ground is not None
+    for text in ground.parameters.told:
+        print(f"flightsw: {text}", file=sys.stderr)
+    if opened.keys is not None:
+        ground.jobs.append(opened.keys.work_slice)
+    if options.bench:
+        print("flightsw: BENCH PROFILE: unsigned commands are taken, from this machine", file=sys.stderr)
 
 
 def _boot(store: TableStore, first: bytes, policy: Policy) -> Booted:

@@ -23,7 +23,10 @@ from flightsw.clock import LockstepClock
 from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, TABLE_SWAPPED, Journal
-from flightsw.link.mavlink_out import Nowhere
+from flightsw.link.access import Access
+from flightsw.link.mavlink_out import SYSTEM_ID, Nowhere
+from flightsw.link_port import LinkPort
+from flightsw.main_loop import MainLoop
 from flightsw.provenance import differences, identity
 
 _HEARTBEAT = struct.Struct(FLIGHT_HEARTBEAT.struct_format)
@@ -169,16 +172,50 @@ def _message(can_id: int, payload: bytes) -> can.Message:
 
 
 class Outcome(NamedTuple):
-    """What a replay found: ticks flown, and where each log first differs (byte offset), or None."""
+    """What a replay found: ticks flown, and where each log first differs (byte offset), or None.
+
+    two_way: the ground could speak; then link.tlog is not compared: signatures need the key, and refusals, which it
+    tells, are not in the journal. What the ground ordered is repeated all the same.
+    """
 
     ticks: int
     can_differs_at: int | None
     link_differs_at: int | None
+    two_way: bool = False
 
     @property
     def identical(self) -> bool:
         """Whether flight said the same again, byte for byte."""
         return self.can_differs_at is None and self.link_differs_at is None
+
+
+def read_orders(path: Path) -> dict[int, list[bytes]]:
+    """What the ground sent and flight took, by the log time [us] of the tick that took it: frames not of flight's."""
+    data, at = path.read_bytes(), 0
+    found: dict[int, list[bytes]] = {}
+    while at + 8 + 12 <= len(data):
+        length = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
+        frame = data[at + 8 : at + 8 + length]
+        if frame[5] != SYSTEM_ID:
+            found.setdefault(int.from_bytes(data[at : at + 8], "big"), []).append(frame)
+        at += 8 + length
+    return found
+
+
+class _OrdersOfTheRun:
+    """Stands where the uplink was: gives every tick the frames it took."""
+
+    def __init__(self, loop: MainLoop, frames: dict[int, list[bytes]]) -> None:
+        self._frames = frames
+        loop.listen(LinkPort([]), Access(tuple, None, loop.unix_start_ns), None)
+        assert loop.ground is not None
+        self._obey = loop.ground.uplink.obey
+        loop.ground.take_in = self.take_in
+
+    def take_in(self, unix_ns: int) -> None:
+        """Obey what this tick obeyed in the run."""
+        for frame in self._frames.get(unix_ns // 1000, ()):
+            self._obey(frame, unix_ns)
 
 
 def check_versions(run_dir: Path) -> list[str]:
@@ -236,6 +273,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         raise ReplayRefused(f"--out {out_dir}: cannot be written ({error.strerror}); name another folder") from None
     bus = _JournalBus()
     loop = None
+    two_way = run.get("two_way_link") is True
     try:
         for tick in read_ticks(run_dir / "can.log"):
             if loop is None:
@@ -244,6 +282,8 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
                 loop = app.build(
                     navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, None, forces, resume
                 )
+                if two_way:
+                    _OrdersOfTheRun(loop, read_orders(run_dir / "link.tlog"))
             else:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened
@@ -262,7 +302,8 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     return Outcome(
         loop.tick,
         first_difference(run_dir / "can.log", out_dir / "can.log"),
-        first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
+        None if two_way else first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
+        two_way,
     )
 
 

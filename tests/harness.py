@@ -32,6 +32,7 @@ from flightsw.provenance import identity
 from flightsw.records import NAV, OUTPUT
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
+from ground.tables.forces import build_force_tables
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario
@@ -57,6 +58,11 @@ def load(*settings: str, name: str = "nominal") -> LoadedScenario:
 @lru_cache(maxsize=16)
 def _orientation(start_gps_ns: int, stop_gps_ns: int) -> TableImage:
     return decode(build_earth_orientation(start_gps_ns, stop_gps_ns, None))
+
+
+@lru_cache(maxsize=4)
+def _forces(start_gps_ns: int) -> app.ForceTables:
+    return app.ForceTables(*(decode(image) for image in build_force_tables(start_gps_ns)))
 
 
 def tables(loaded: LoadedScenario) -> tuple[TableImage, TableImage]:
@@ -111,6 +117,7 @@ class Flight:
             self.journal,
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
+            forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
         )
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload

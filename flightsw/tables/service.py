@@ -77,6 +77,7 @@ class TableService:
         self._capture: Capture | None = None
         self._job: Iterator[None] | None = None
         self._swap = False
+        self._give_up = False
         self._slices = 0
 
     @property
@@ -100,6 +101,12 @@ class TableService:
             raise TableRefused("no table is staged")
         self._swap = True
 
+    def give_up_trial(self) -> None:
+        """Take the table on trial back before the next tick. Raises TableRefused where none is on trial."""
+        if not self.on_trial:
+            raise TableRefused("no table is on trial")
+        self._give_up = True
+
     def dump(self) -> bytes:
         """The table that flies, as a file, read back from the record that the compiled step reads."""
         values = np.zeros(1, self.active.values.dtype)
@@ -120,6 +127,9 @@ class TableService:
     def between_ticks(self, flag: int, bound_m: float, happened: int) -> None:
         """Judge the trial by the tick that has passed, or carry out a swap. Cheap where there is nothing to do."""
         if self.before is not None:
+            if self._give_up:
+                self._roll_back("the ground asked for it")
+                return
             self._judge(flag, bound_m, happened)
         elif self._swap and self.staged is not None:
             self._activate(self.staged, flag)
@@ -130,7 +140,7 @@ class TableService:
         if self._had_state:
             self._capture = Capture(self._nav, self.active.crc32)
             self._capture.take()
-        self.before, self.active = self.active, table
+        self.before, self.active, self._give_up = self.active, table, False
         self._trial = self._trial_ticks
         self._flying.fly_table(table, int(table.values["tuning_rows"][0]) - 1)
         if self.read_back_differs():
