@@ -57,12 +57,13 @@ def _replay(options: argparse.Namespace) -> int:
         if differences and not options.force:
             print("flightsw: refused; --force replays all the same", file=sys.stderr)
             return EXIT_REFUSED
+        two_way = replay.is_two_way(replay.record_of(options.run_dir))
         outcome = replay.replay(options.run_dir, options.out or options.run_dir / "replay")
     except (PreflightFailed, replay.ReplayRefused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
         return EXIT_REFUSED
     for name, offset in (("can.log", outcome.can_differs_at), ("link.tlog", outcome.link_differs_at)):
-        same = "not compared: the ground could speak" if name == "link.tlog" and outcome.two_way else "identical"
+        same = "not compared: the ground could speak" if name == "link.tlog" and two_way else "identical"
         print(f"{name:<10} {same if offset is None else f'differs from byte {offset}'}")
     print(f"{outcome.ticks} ticks replayed: {'IDENTICAL' if outcome.identical else 'DIFFERENT'}")
     return 0 if outcome.identical else EXIT_DIFFERENT

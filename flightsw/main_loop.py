@@ -294,8 +294,8 @@ class MainLoop:
         """The output record of the step that took the last fix."""
         return self._fix_reader.read()
 
-    def listen(self, port: Port, access: Access, folder: Path | None) -> None:
-        """Take orders from the ground from now on. folder: where parameters are kept."""
+    def listen(self, port: Port, access: Access, folder: Path | None, log: Path | None = None) -> None:
+        """Take orders from the ground from now on. folder: of parameters and uploads. log: what it may read."""
         self.ground = GroundLink(
             port,
             access,
@@ -307,6 +307,7 @@ class MainLoop:
             self.memory.table,
             self.out_reader.at["mode"],
             folder,
+            log,
         )
         self.schedule.add_slack(Member("ground_link", 1, 5000.0, self.ground.work_slice))
 

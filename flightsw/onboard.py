@@ -189,7 +189,7 @@ def run(
                 TableService(loop, record.nav, record.table, navigation, policy, store, booted.slot, table_store)
             )
         if ground is not None:
-            _listen(loop, ground, link)
+            _listen(loop, ground, link, out)
         loop.run(ticks)
     finally:
         if loop is not None and loop.checkpoints is not None:
@@ -215,9 +215,9 @@ def _open_ground_link(options: LinkOptions) -> OpenedLink | None:
         raise Refused(str(error)) from error
 
 
-def _listen(loop: MainLoop, opened: OpenedLink, options: LinkOptions) -> None:
+def _listen(loop: MainLoop, opened: OpenedLink, options: LinkOptions, out: Path | None) -> None:
     """Let the ground in; what it cannot have is said."""
-    loop.listen(opened.port, opened.access, options.state)
+    loop.listen(opened.port, opened.access, options.state, out)
     ground = loop.ground
     assert ground is not None
     for text in ground.parameters.told:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 from flightsw.icd.alerts import AlertId
@@ -34,14 +34,15 @@ class Obeying(Protocol):
 
 
 class Orders:
-    """Carries orders out. `upload`: gives the bytes of the navigation table that was sent up, None where none was."""
+    """Carries orders out. `upload`: the file of the navigation table that was sent up, None where none can be."""
 
-    __slots__ = ("_assembly", "_loop", "upload")
+    __slots__ = ("_assembly", "_loop", "_stage", "upload")
 
     def __init__(self, loop: Obeying, assembly: EpochAssembly) -> None:
         self._loop = loop
         self._assembly = assembly
-        self.upload: Callable[[], bytes | None] = _nothing
+        self.upload: Path | None = None
+        self._stage: bool | None = None  # older tables too; None: nothing is to be staged
 
     # -- what holds now
 
@@ -94,11 +95,28 @@ class Orders:
         self._loop.restart = True
 
     def stage_upload(self, older: bool) -> None:
-        """Hand what was sent up to validation. Raises TableRefused where there is nothing, or no store."""
-        raw = self.upload()
-        if raw is None:
-            raise TableRefused("nothing was sent up")
-        self._tables().stage(raw, int(self.out[self._loop.out_reader.at["t_gps_ns"]]), older)
+        """Hand what was sent up to validation, in the slack. Raises TableRefused where flight has no store."""
+        self._tables()
+        if self.upload is None:
+            raise TableRefused("this flight takes no uploads")
+        self._stage = older
+
+    def work_slice(self) -> None:
+        """Read an upload that is to be staged; a slack job."""
+        if self._stage is None or self.upload is None:
+            return
+        older, self._stage = self._stage, None
+        tables = self._tables()
+        try:
+            raw = self.upload.read_bytes()
+        except OSError as error:
+            tables.refuse(f"{self.upload.name}: cannot be read ({error.strerror}); send it up first")
+            return
+        tables.stage(raw, int(self.out[self._loop.out_reader.at["t_gps_ns"]]), older)
+
+    def active_table(self) -> bytes:
+        """The table that flies, as a file; empty where flight has no store."""
+        return self._loop.tables.dump() if self._loop.tables is not None else b""
 
     def activate_table(self) -> None:
         """Fly the staged table before the next tick. Raises TableRefused where none is staged."""
@@ -116,7 +134,3 @@ class Orders:
         if self._loop.tables is None:
             raise TableRefused("this flight has no store of tables")
         return self._loop.tables
-
-
-def _nothing() -> bytes | None:
-    return None

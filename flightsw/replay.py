@@ -172,21 +172,25 @@ def _message(can_id: int, payload: bytes) -> can.Message:
 
 
 class Outcome(NamedTuple):
-    """What a replay found: ticks flown, and where each log first differs (byte offset), or None.
-
-    two_way: the ground could speak; then link.tlog is not compared: signatures need the key, and refusals, which it
-    tells, are not in the journal. What the ground ordered is repeated all the same.
-    """
+    """What a replay found: ticks flown, and where each log first differs (byte offset), or None."""
 
     ticks: int
     can_differs_at: int | None
     link_differs_at: int | None
-    two_way: bool = False
 
     @property
     def identical(self) -> bool:
         """Whether flight said the same again, byte for byte."""
         return self.can_differs_at is None and self.link_differs_at is None
+
+
+def is_two_way(run: dict[str, Any]) -> bool:
+    """Whether the ground could speak in this run (its run.json).
+
+    Then link.tlog is not compared: signatures need the key, and refusals, which it tells, are not in the journal. What
+    the ground ordered is repeated all the same, so can.log must be the same.
+    """
+    return run.get("two_way_link") is True
 
 
 def read_orders(path: Path) -> dict[int, list[bytes]]:
@@ -220,14 +224,15 @@ class _OrdersOfTheRun:
 
 def check_versions(run_dir: Path) -> list[str]:
     """What differs between the flight of the run and this one, in words; ReplayRefused if the folder is no run."""
-    run = _record(run_dir)
+    run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
     resume = _resume(run_dir, run, navigation)
     return differences(run, identity(navigation, orientation, *(forces or ()), resume=resume))
 
 
-def _record(run_dir: Path) -> dict[str, Any]:
+def record_of(run_dir: Path) -> dict[str, Any]:
+    """run.json of a run; ReplayRefused where there is none."""
     try:
         run = json.loads((run_dir / "run.json").read_text())
     except (OSError, ValueError) as error:
@@ -260,7 +265,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     for name in ("can.log", "link.tlog"):
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
-    run = _record(run_dir)
+    run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
     resume = _resume(run_dir, run, navigation)
@@ -273,7 +278,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         raise ReplayRefused(f"--out {out_dir}: cannot be written ({error.strerror}); name another folder") from None
     bus = _JournalBus()
     loop = None
-    two_way = run.get("two_way_link") is True
+    two_way = is_two_way(run)
     try:
         for tick in read_ticks(run_dir / "can.log"):
             if loop is None:
@@ -303,7 +308,6 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         loop.tick,
         first_difference(run_dir / "can.log", out_dir / "can.log"),
         None if two_way else first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
-        two_way,
     )
 
 

@@ -1,7 +1,7 @@
 """A ground station on a test's bench: pymavlink's own codecs and signing on a wire in memory, or on real sockets.
 
-The station packs and signs with pymavlink's `common` dialect, which is not of our making; our own messages it reads with
-the generated dialect, whose CRC_EXTRA the dialect's tests hold.
+The station packs and signs with pymavlink's `common` dialect, which is not of our making; our own messages it reads
+with the generated dialect, whose CRC_EXTRA the dialect's tests hold.
 """
 
 from __future__ import annotations

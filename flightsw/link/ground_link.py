@@ -13,6 +13,7 @@ from flightsw.icd import mavlink as m
 from flightsw.link.access import Access
 from flightsw.link.commands import Commanded, Commands
 from flightsw.link.downlink import Downlink
+from flightsw.link.file_transfer import FileTransfer
 from flightsw.link.mavlink_out import SYSTEM_ID, MavlinkOut
 from flightsw.link.open_alerts import OpenAlerts
 from flightsw.link.parameters import Parameters
@@ -20,6 +21,8 @@ from flightsw.link.telemetry import Telemetry
 from flightsw.link.uplink import Port, Sender, Uplink
 
 PARAMETERS_FILE = "parameters.txt"
+UPLOAD_FOLDER = "upload"
+UPLOADED_TABLE = "navigation.tbl"
 _STATE_FILE_SLICES = 10
 _REPORT_NS = 10_000_000_000
 _TEXT = 50
@@ -27,7 +30,9 @@ _NS_PER_S = 1_000_000_000
 
 
 class Linked(Commanded, Protocol):
-    """What the link needs of the loop."""
+    """What the link needs of the loop. `upload`: the file of a table that was sent up."""
+
+    upload: Path | None
 
     @property
     def armed(self) -> bool:
@@ -55,11 +60,20 @@ class Linked(Commanded, Protocol):
         """Why the last table was refused or rolled back."""
         ...
 
+    def active_table(self) -> bytes:
+        """The table that flies, as a file."""
+        ...
+
+    def work_slice(self) -> None:
+        """Go on with what was ordered, in the slack."""
+        ...
+
 
 class GroundLink:
-    """Uplink, commands, parameters and what is told of them.
+    """Uplink, commands, parameters, files and what is told of them.
 
-    folder: where parameters are kept; None: nowhere. table: the navigation record (1,) that flies.
+    folder: where parameters are kept and uploads go; None: nowhere. log: folder of what may be read. table: the
+    navigation record (1,) that flies.
     """
 
     def __init__(
@@ -74,6 +88,7 @@ class GroundLink:
         table: np.ndarray,
         mode_at: int,
         folder: Path | None,
+        log: Path | None = None,
     ) -> None:
         self._port = port
         self.access = access
@@ -83,10 +98,18 @@ class GroundLink:
         self._loop = loop
         self.alerts = OpenAlerts(telemetry, events)
         self.parameters = Parameters(out, table, folder / PARAMETERS_FILE if folder is not None else None)
+        upload = folder / UPLOAD_FOLDER if folder is not None else None
+        loop.upload = upload / UPLOADED_TABLE if upload is not None else None
+        self.files = FileTransfer(out, log, upload, loop.active_table, lambda: self.parameters.value("LNK_FTP_TICK"))
         self.commands = Commands(out, loop, downlink, self.alerts, mode_at)
         self.uplink = Uplink(port, access, SYSTEM_ID, m.MAV_COMP_ID_AUTOPILOT1, out.note_received)
         self.take_in: Callable[[int], None] = self.uplink.poll  # a replay has the frames of the run
-        self.jobs: list[Callable[[], None]] = [self._keep_ahead, self.parameters.save_slice]
+        self.jobs: list[Callable[[], None]] = [
+            self._keep_ahead,
+            self.parameters.save_slice,
+            loop.work_slice,
+            self.files.work_slice,
+        ]
         self._reported_orders = 0
         self._reported_ns = -_REPORT_NS
         self._reason = ""
@@ -99,6 +122,7 @@ class GroundLink:
             (m.MAVLINK_MSG_ID_PARAM_SET, self.parameters.set, True),
             (m.MAVLINK_MSG_ID_COMMAND_LONG, self.commands.take_long, True),
             (m.MAVLINK_MSG_ID_COMMAND_INT, self.commands.take_int, True),
+            (m.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL, self.files.take, True),
             (m.MAVLINK_MSG_ID_TIMESYNC, self._timesync, True),
         ):
             self.uplink.take(number, handler, order)

@@ -90,7 +90,7 @@ class TableService:
     def stage(self, raw: bytes, t_now_gps_ns: int, older: bool = False, activate: bool = False) -> None:
         """Begin to validate and store an upload; the slack goes on with it. activate: as soon as it is staged."""
         if self.on_trial:
-            self._refuse("a table is on trial; send it again after that")
+            self.refuse("a table is on trial; send it again after that")
             return
         self.staged, self._swap = None, False
         self._job = self._stage(raw, t_now_gps_ns, self._policy._replace(older=older), activate)
@@ -192,10 +192,10 @@ class TableService:
                 self._job = None
             except TableRefused as error:
                 self._job = None
-                self._refuse(str(error))
+                self.refuse(str(error))
             except OSError as error:
                 self._job = None
-                self._refuse(f"cannot be stored ({error.strerror})")
+                self.refuse(f"cannot be stored ({error.strerror})")
             return
         self._slices += 1
         if self._upload_folder is not None and self._slices % _POLL_SLICES == 0 and not self.on_trial:
@@ -225,6 +225,7 @@ class TableService:
         store.point(slot, table)
         self._slot = slot
 
-    def _refuse(self, reason: str) -> None:
+    def refuse(self, reason: str) -> None:
+        """Tell that an upload is not taken, and why."""
         self.reason = f"refused: {reason}"
         self._flying.note(AlertId.TABLE_REFUSED)

@@ -28,6 +28,8 @@ ENVIRONMENT_ROOTS = {
 }
 SOCKET_ROOTS = {
     "flightsw/onboard.py": "composition root of a flight in real time: the telemetry link the operator named",
+    "flightsw/link_open.py": "names of the link that the operator gave, to addresses",
+    "flightsw/link_port.py": "the ends of the ground link, made by link_open for the composition root",
     "ground/console/link.py": "the console's end of the link, on loopback unless the operator names another address",
 }
 BUS_ROOTS = {

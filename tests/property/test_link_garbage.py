@@ -3,6 +3,7 @@ good message is understood."""
 
 from __future__ import annotations
 
+import itertools
 import random
 import sys
 import time
@@ -76,9 +77,9 @@ def pieces(rng: random.Random, frames: list[bytes], total: int) -> list[bytes]:
 
 @pytest.mark.parametrize("stream", [False, True], ids=["datagrams", "stream"])
 def test_ten_million_bytes_of_nonsense(stream: bool) -> None:
-    """GIVEN a whole flight WHEN 1e7 random and mutated bytes come, 20 pieces a tick THEN no tick raises or looks at more
-    than its budget, what is kept between ticks stays below one frame and one piece, the flag stays armed, and a good
-    order now and then is obeyed."""
+    """GIVEN a whole flight WHEN 1e7 random and mutated bytes come, 20 pieces a tick THEN no tick raises or looks at
+    more than its budget, what is kept between ticks stays below one frame and one piece, the flag stays armed, and a
+    good order now and then is obeyed."""
     rng = random.Random(11)
     with Linked("time.duration_s=1200", key=KEY, stream=stream) as flight:
         frames = good_frames(Station(key=None)) + good_frames(Station(key=bytes(32)))
@@ -104,7 +105,10 @@ def test_ten_million_bytes_of_nonsense(stream: bool) -> None:
                 assert flight.ask(ARM, 1.0) == common.MAV_RESULT_ACCEPTED, flight.refused
         assert flight.loop.armed
     assert good > 5
-    print(f"{total} bytes, {good} good orders obeyed among them, at most {looked} frames looked at in a tick, {worst_s * 1e3:.1f} ms, {worst_kept} bytes kept")
+    print(
+        f"{total} bytes, {good} good orders obeyed among them, at most {looked} frames looked at in a tick, "
+        f"{worst_s * 1e3:.1f} ms, {worst_kept} bytes kept"
+    )
     assert total >= TOTAL // 2
     assert looked <= FRAMES_PER_TICK
     assert worst_kept <= LONGEST
@@ -147,7 +151,7 @@ def test_any_bytes_however_cut_do_not_hide_a_good_frame(data: bytes, cuts: list[
         if stream:
             whole = data[:place] + frame + data[place:]
             edges = sorted({0, len(whole), *(cut for cut in cuts if cut < len(whole))})
-            wire.up.extend(whole[a:b] for a, b in zip(edges, edges[1:], strict=False))
+            wire.up.extend(whole[a:b] for a, b in itertools.pairwise(edges))
         else:
             wire.up.extend((data[:place], frame, data[place:]))
         for _ in range(1500):

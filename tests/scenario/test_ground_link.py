@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from flightsw.link.parameters import OPERATIONAL, TABLE_PARAMETERS, short_names
 
 ACCEPTED, DENIED = common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_DENIED
 FLIGHT_SET = 'flight.table_set="flight"'
-OUTAGE = 'outage=[{start_s=20.0, duration_s=30.0}]'
+OUTAGE = "outage=[{start_s=20.0, duration_s=30.0}]"
 FLAG = (
     "outage=[{start_s=20.0, duration_s=30.0}]",
     "flight.table.limit_m=8",
@@ -65,8 +66,8 @@ def test_mode_command_inhibits_fixes_and_lets_them_back() -> None:
 
 
 def test_one_type_is_edited_and_the_filter_reset() -> None:
-    """GIVEN flight WHEN velocities are rejected THEN positions still correct it; WHEN the filter is reset THEN it starts
-    anew from the next fixes."""
+    """GIVEN flight WHEN velocities are rejected THEN positions still correct it; WHEN the filter is reset THEN it
+    starts anew from the next fixes."""
     with Linked(FLIGHT_SET) as flight:
         flight.fly(until_s=15.0)
         assert flight.ask(m.LEONAV_CMD_EDIT, 1.0, 2.0) == ACCEPTED
@@ -88,8 +89,8 @@ def test_the_papers_filter_edits_nothing_and_says_so() -> None:
 
 
 def test_a_disarmed_flag_is_told_but_does_not_withdraw_the_state() -> None:
-    """GIVEN two flights whose flag rises in an outage WHEN one is disarmed before THEN its state stays valid, its verdict
-    is never a trusting one, an alert says so; the flag itself, bound and state are those of the other."""
+    """GIVEN two flights whose flag rises in an outage WHEN one is disarmed before THEN its state stays valid, its
+    verdict is never a trusting one, an alert says so; the flag itself, bound and state are those of the other."""
     with Linked(*FLAG) as flight, Linked(*FLAG) as guarded:
         flight.fly(until_s=10.0)
         assert flight.ask(common.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == ACCEPTED
@@ -345,7 +346,7 @@ def test_one_numbering_serves_every_listener() -> None:
         flight.fly(until_s=35.0)
         numbers = [frame[4] for frame in flight.wire.down]
         assert len(numbers) > 600
-        assert all((b - a) % 256 == 1 for a, b in zip(numbers, numbers[1:], strict=False))
+        assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
 
 
 def test_a_foreign_station_in_the_bench_profile_is_obeyed_unsigned() -> None:

@@ -37,8 +37,8 @@ def ground_socket(kind: int = socket.SOCK_DGRAM) -> socket.socket:
 
 
 def test_a_configured_peer_is_heard_and_told_and_a_stranger_is_not_believed() -> None:
-    """GIVEN a configured peer WHEN it and a stranger send THEN the peer's source is trusted, the stranger's not, and what
-    flight sends arrives at the peer alone."""
+    """GIVEN a configured peer WHEN it and a stranger send THEN the peer's source is trusted, the stranger's not, and
+    what flight sends arrives at the peer alone."""
     with ground_socket() as peer, ground_socket() as stranger:
         end = UdpPeer(socket.AF_INET, peer.getsockname())
         end.send(b"first")
