@@ -188,15 +188,19 @@ class Flight:
         return np.abs(self.flown["r_gcrf_m"] - self.world.r_true_gcrf_m[: self.k]).max(axis=1)
 
 
+def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
+    """Make a folder with the two tables of a scenario."""
+    build, start = loaded.scenario.flight, loaded.t_start_gps_ns
+    folder.mkdir()
+    (folder / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
+    stop = start + round(loaded.scenario.time.duration_s * NS)
+    image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
+    (folder / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+
+
 def save_run(flight: Flight, folder: Path) -> Path:
     """Put beside the logs of a flight what a replay needs; returns the folder."""
-    build = flight.loaded.scenario.flight
-    (folder / "tables").mkdir()
-    (folder / "tables" / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
-    start = flight.loaded.t_start_gps_ns
-    stop = start + round(flight.loaded.scenario.time.duration_s * NS)
-    image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
-    (folder / "tables" / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    save_run_tables(flight.loaded, folder / "tables")
     (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation)))
     return folder
 

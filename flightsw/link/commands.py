@@ -83,13 +83,13 @@ class Commands:
         self._alerts = alerts
         self._mode_at = mode_at
         self._table: dict[int, Callable[[Parameters7], int]] = {
-            m.LEONAV_CMD_DO_SET_MODE: self._set_mode,
-            m.LEONAV_CMD_REBOOT: self._reboot,
-            m.LEONAV_CMD_ARM_FLAG: self._arm,
-            m.LEONAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
-            m.LEONAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
-            m.LEONAV_CMD_REQUEST_MESSAGE: self._request_message,
-            m.LEONAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_capabilities,
+            m.MAV_CMD_DO_SET_MODE: self._set_mode,
+            m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            m.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            m.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+            m.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            m.MAV_CMD_REQUEST_MESSAGE: self._request_message,
+            m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_capabilities,
             m.LEONAV_CMD_EDIT: self._edit,
             m.LEONAV_CMD_RESET_FILTER: self._reset_filter,
             m.LEONAV_CMD_TABLE_STAGE: self._stage,

@@ -328,7 +328,7 @@ def test_orders_of_the_ground_are_obeyed_again(tmp_path: Path) -> None:
         flight.fly(until_s=10.0)
         assert flight.ask(mavlink.LEONAV_CMD_RESET_FILTER) == 0
         flight.fly(until_s=25.0)
-        assert flight.ask(mavlink.LEONAV_CMD_ARM_FLAG, 0.0) == 0
+        assert flight.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == 0
         flight.station.parameter(b"LNK_REPEAT_S", 3.0)
         flight.wire.up.append(b"\xfd" * 50)
         flight.fly()

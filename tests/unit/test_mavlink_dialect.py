@@ -87,9 +87,11 @@ def test_copied_enums_are_those_of_common_xml() -> None:
         if not name.startswith("LEONAV_"):
             ours = {value: entry.name for value, entry in enum.items()}
             theirs = {value: entry.name for value, entry in development.enums[name].items()}
-            assert {v: n for v, n in ours.items() if "ENUM_END" not in n} == {
-                v: n for v, n in theirs.items() if "ENUM_END" not in n
-            }, name
+            ours = {v: n for v, n in ours.items() if "ENUM_END" not in n}
+            theirs = {v: n for v, n in theirs.items() if "ENUM_END" not in n}
+            if name == "MAV_CMD":  # those that flight knows
+                theirs = {v: n for v, n in theirs.items() if v in ours}
+            assert ours == theirs, name
 
 
 @pytest.mark.parametrize("name", STANDARD)
