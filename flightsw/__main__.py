@@ -40,6 +40,7 @@ def _run(options: argparse.Namespace) -> int:
             options.allow_saturating,
             options.table_store,
             options.require_certificate,
+            options.shared_clock,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -135,6 +136,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--require-certificate", action="store_true", help="publish the state of an uncertified table as not valid"
+    )
+    run.add_argument(
+        "--shared-clock",
+        type=Path,
+        metavar="FILE",
+        help="when ready, wait for this file and run by the clock of the simulated world that wrote it",
     )
     run.set_defaults(action=_run)
 

@@ -6,6 +6,7 @@ import json
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import can
 from flightsw import app, realtime
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, Resume
-from flightsw.clock import RealTimeClock
+from flightsw.clock import RealTimeClock, SharedClock
 from flightsw.icd.table_file import TableImage, TableRefused, encode
 from flightsw.journal import Journal
 from flightsw.kernels import registry
@@ -26,6 +27,7 @@ from flightsw.tables.service import TableService
 from flightsw.tables.store import SLOTS, Booted, TableStore
 from flightsw.tables.validate import Policy, accept_at_start
 
+_POLL_S = 0.02
 RESTART = 3  # exit status: start flight again
 
 
@@ -79,9 +81,24 @@ def open_port(text: str) -> CanPort:
     if not colon or not channel:
         raise Refused(f"--can {text}: write it as INTERFACE:CHANNEL, for example socketcan:can0")
     try:
+        if interface == "remote":
+            return CanPort(_remote(channel))
         return CanPort(lambda: can.Bus(interface=interface, channel=channel, fd=True))
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise Refused(f"--can {text}: cannot be opened: {error}") from error
+
+
+def _remote(channel: str) -> Callable[[], can.BusABC]:
+    """Opens the bus of a hub: with patience the first time, without any in flight."""
+    from flightsw.remote_bus import BoundedRemoteBus
+
+    first = [True]
+
+    def open_bus() -> can.BusABC:
+        patient, first[0] = first[0], False
+        return BoundedRemoteBus(channel, patient)
+
+    return open_bus
 
 
 def open_logs(
@@ -132,11 +149,13 @@ def run(
     allow_saturating: bool = False,
     table_store: Path | None = None,
     require_certificate: bool = False,
+    shared_clock: Path | None = None,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status, RESTART where the ground asked for one.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
     table_key: file of the key that must have signed the navigation table. allow_saturating: for a study.
+    shared_clock: file of the clock that a simulated world in another process keeps.
     """
     key = app.load_key(table_key) if table_key else None
     navigation, orientation = app.load_tables(tables, key, allow_saturating)
@@ -182,6 +201,8 @@ def run(
         loop.require_certificate = require_certificate
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
+        if shared_clock is not None:
+            loop.clock = _await_clock(shared_clock)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute
         if store is not None and booted is not None:
             record = loop.memory
@@ -204,6 +225,17 @@ def run(
         print("flightsw: ended to be started again, as the ground ordered")
         return RESTART
     return 0
+
+
+def _await_clock(path: Path) -> SharedClock:
+    """The clock that a world in another process keeps, once its file is there."""
+    print("flightsw: ready", file=sys.stderr, flush=True)
+    while not path.exists():
+        time.sleep(_POLL_S)
+    try:
+        return SharedClock(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, TypeError, ValueError) as error:
+        raise Refused(f"--shared-clock {path}: not a clock ({error})") from error
 
 
 def _open_ground_link(options: LinkOptions) -> OpenedLink | None:

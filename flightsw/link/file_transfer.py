@@ -190,14 +190,16 @@ class FileTransfer:
     # -- sessions
 
     def _begin(self, request: Request, session: _Session) -> None:
-        """Give it a number, and tell number and size; a client's forgotten session gives way to its new one."""
-        free = next((k for k in range(SESSIONS) if k not in self._sessions), -1)
-        if free < 0:
-            free = next((k for k, held in self._sessions.items() if held.sender == request.sender), -1)
-            if free < 0:
-                session.close()
-                raise Refused(Err.NO_SESSION)
-            self._sessions.pop(free).close()
+        """Give it a number, and tell number and size. Clients that choose the number themselves get theirs."""
+        held = self._sessions.get(request.session)
+        if held is not None and held.sender == request.sender:  # forgotten by its client
+            self._sessions.pop(request.session).close()
+            self._burst = None
+        if len(self._sessions) >= SESSIONS:
+            session.close()
+            raise Refused(Err.NO_SESSION)
+        numbers = (request.session, *range(SESSIONS))
+        free = next(number for number in numbers if number not in self._sessions)
         self._sessions[free] = session
         self._reply(request, _ACK, struct.pack("<I", session.size), free)
 

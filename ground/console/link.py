@@ -11,14 +11,17 @@ import errno
 import socket
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from flightsw.icd import mavlink
+from ground.console.authentication import Verifier
 from ground.console.text import seconds
 from ground.errors import OperatorError
 
+FLIGHT_SYSTEM = 1
 MAGIC = 0xFD  # MAVLink 2; flight sends nothing else
 HEADER, CHECKSUM, SIGNATURE = 10, 2, 13
 SIGNED = 0x01
@@ -48,6 +51,7 @@ class Statistics:
     damaged: int = 0
     unknown: int = 0
     lost: int = 0
+    unauthenticated: int = 0  # not signed with our key, or heard before: not believed
     last_sequence: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
@@ -77,8 +81,9 @@ class Link(Protocol):
 class FrameDecoder:
     """Frames to messages, with the statistics of what could not be used. Keeps no bytes between calls."""
 
-    def __init__(self) -> None:
+    def __init__(self, verifier: Verifier | None = None) -> None:
         self.statistics = Statistics()
+        self._verifier = verifier
         # pymavlink keeps state in the parser; only its `decode` of one whole frame is used here.
         self._mavlink = mavlink.MAVLink(None)
 
@@ -111,6 +116,9 @@ class FrameDecoder:
             # Its checksum cannot be verified without the dialect, so nothing of it is believed.
             self.statistics.unknown += 1
             return None
+        if self._verifier is not None and not self._verifier.accept(frame):
+            self.statistics.unauthenticated += 1
+            return None
         self._follow_sequence(message)
         self.statistics.frames += 1
         return message
@@ -137,9 +145,11 @@ class UdpLink:
 
     live = True
 
-    def __init__(self, host: str, port: int, clock: Callable[[], float]) -> None:
+    def __init__(self, host: str, port: int, clock: Callable[[], float], verifier: Verifier | None = None) -> None:
         self._clock = clock
-        self._decoder = FrameDecoder()
+        self.verifier = verifier
+        self._peer: Any = None  # who speaks for flight: answers go there
+        self._decoder = FrameDecoder(verifier)
         self.statistics = self._decoder.statistics
         try:
             self._socket = _listen(host, port)
@@ -162,14 +172,23 @@ class UdpLink:
         heard: list[Received] = []
         for _ in range(DATAGRAMS_PER_CALL):
             try:
-                data = self._socket.recv(MAX_DATAGRAM)
+                data, address = self._socket.recvfrom(MAX_DATAGRAM)
             except BlockingIOError:
                 break
             except OSError:  # an ICMP error of an earlier datagram; the socket itself stays good
                 continue
             now_s = self._clock()
-            heard += [Received(now_s, message) for message in self._decoder.datagram(data)]
+            messages = list(self._decoder.datagram(data))
+            heard += [Received(now_s, message) for message in messages]
+            if any(message.get_srcSystem() == FLIGHT_SYSTEM for message in messages):
+                self._peer = address
         return heard
+
+    def send(self, frame: bytes) -> None:
+        """Offer a frame to where flight was last heard from; lost where nothing was heard yet."""
+        if self._peer is not None:
+            with suppress(OSError):
+                self._socket.sendto(frame, self._peer)
 
     def pause(self, paused: bool) -> None:
         """A live link cannot be stopped: messages go on being heard."""

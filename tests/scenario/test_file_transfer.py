@@ -273,13 +273,17 @@ def test_unknown_requests_wrong_sessions_and_wild_writes_are_refused(tmp_path: P
 
 
 def test_forgotten_sessions_and_a_flood_of_requests_are_bounded(tmp_path: Path) -> None:
-    """GIVEN a client that opens and never closes WHEN it opens more THEN its oldest session gives way; WHEN requests
-    flood THEN at most a queue of them waits."""
+    """GIVEN a client that opens and never closes WHEN it opens more THEN the one of that number gives way, and there
+    are at most four; WHEN requests flood THEN at most a queue of them waits."""
     with Ftp(tmp_path) as flight:
         flight.tick()
         (tmp_path / "link" / "upload" / "x").write_bytes(b"x")
-        for _ in range(3 * SESSIONS):
+        for _ in range(10):
             assert flight.error(Op.OPEN_RO, b"/upload/x") == 0
+        assert len(flight.ground.files._sessions) == 1
+        for number in range(1, SESSIONS):
+            assert flight.error(Op.OPEN_RO, b"/upload/x", session=number) == 0
+        assert flight.error(Op.OPEN_RO, b"/upload/x", session=77) == Err.NO_SESSION
         assert len(flight.ground.files._sessions) == SESSIONS
         for k in range(500):
             flight.send(HEADER.pack(k, 0, Op.LIST, 1, 0, 0, 0, 0).ljust(251, b"/"))
