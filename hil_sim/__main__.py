@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 EXIT_FAILED, EXIT_REFUSED = 1, 2
 MISSING_EXTRA = "is not installed; the simulator needs: pip install 'leonav[sim,ground]'"
@@ -124,8 +125,8 @@ def _parser() -> argparse.ArgumentParser:
         ("run", _run, "fly a scenario and leave its record in a folder"),
     ):
         command = commands.add_parser(name, help=help_text)
-        optional = {"nargs": "?", "default": "demo"} if name == "demo" else {}
-        command.add_argument("scenario", help="name of a shipped scenario, or a TOML file", **optional)
+        words: dict[str, Any] = {"nargs": "?", "default": "demo"} if name == "demo" else {}
+        command.add_argument("scenario", help="name of a shipped scenario, or a TOML file", **words)
         command.add_argument(
             "--set",
             action="append",

@@ -1,4 +1,4 @@
-"""The key that console and flight share: what is sent is signed with it, what is heard is verified before it is believed.
+"""The key that console and flight share: what is sent is signed with it, what is heard is verified with it first.
 
 The stamps of what the console sends stay beyond those it hears, so that flight takes them after a restart too.
 """
