@@ -267,8 +267,8 @@ WORK = np.dtype(
         ("stages", "f8", (6, 3)),
         ("gradient", "f8", (3, 3)),
         ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
-        ("empirical_rtn", "f8", (3,)),
-        ("small_mps2", "f8", (3,)),
+        ("empirical_sigma_mps2", "f8"),  # at the radius of the step
+        *((name, "f8", (3,)) for name in ("empirical_rtn", "small_mps2")),
         ("x_model", "f8", (STATES,)),
         # the paper's filter
         ("phi", "f8", (PAPER_STATES, PAPER_STATES)),

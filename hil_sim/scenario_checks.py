@@ -13,6 +13,7 @@ MAXIMUM_BURNS = 255  # the frame's number of the burn has eight bits
 def check_events(scenario: Scenario) -> Iterator[Problem]:
     """Contradictions between burns, commands, attitude and the rest of the scenario."""
     yield from _check_burns(scenario)
+    yield from _check_gravity(scenario)
     yield from _check_area_step(scenario)
     for i, command in enumerate(scenario.command):
         yield from _check_command(f"command.{i}", command, scenario.time.duration_s)
@@ -101,6 +102,20 @@ def _check_command(key: str, command: Command, run_s: float) -> Iterator[Problem
             )
         if command.command != "edit" and given:
             yield Problem(f"{key}.{name}", f"{command.command} takes none", "remove it")
+
+
+def _check_gravity(scenario: Scenario) -> Iterator[Problem]:
+    truth = scenario.truth
+    if not truth.gravity_beyond:
+        return
+    if scenario.orbit.source != "propagated":
+        yield Problem("truth.gravity_beyond", "a replayed orbit has the forces it had", "remove it")
+    if truth.gravity_beyond <= truth.gravity_degree:
+        yield Problem(
+            "truth.gravity_beyond",
+            f"{truth.gravity_beyond} is not above truth.gravity_degree = {truth.gravity_degree}",
+            "give a higher degree, or 0 for none",
+        )
 
 
 def _check_area_step(scenario: Scenario) -> Iterator[Problem]:

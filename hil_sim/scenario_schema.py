@@ -90,6 +90,9 @@ class TruthModel(Section, frozen=True):
     """Forces of the propagated truth."""
 
     gravity_degree: Annotated[int, Meta(ge=2, le=70, description="degree and order of EGM2008")] = 70
+    gravity_beyond: Annotated[
+        int, Meta(ge=0, le=120, description="degree to which gravity above gravity_degree is added; 0: none")
+    ] = 0
     area_to_mass_m2pkg: Annotated[float, _range(0.0, 1.0, "area over mass in m2/kg")] = 0.01
     drag_coefficient: Annotated[float, _range(0.0, 10.0, "drag coefficient")] = 2.2
     srp_coefficient: Annotated[float, _range(0.0, 5.0, "radiation-pressure coefficient")] = 1.3

@@ -121,6 +121,8 @@ NAVIGATION = Schema(
             _whole("filter_model", "0 paper, 1 flight", 0, 1, 0, "which process model the filter flies"),
             _real("empirical_sigma_mps2", "m/s2", 0.0, 1e-3, 5e-8, "steady sigma of each RTN acceleration"),
             _real("empirical_tau_s", "s", 1.0, 1e6, 600.0, "correlation time of the RTN accelerations"),
+            _real("omitted_gravity_sigma_mps2", "m/s2", 0.0, 1e-3, 0.0, "what the field leaves out adds at 500 km"),
+            _real("omitted_gravity_degree", "1", 2.0, 1000.0, 75.0, "it fades as r^-(degree + 2)"),
             _real("white_radial_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white radial acceleration"),
             _real("white_along_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white along-track acceleration"),
             _real("white_cross_m2ps3", "m2/s3", 0.0, 1.0, 0.0, "density of white cross-track acceleration"),
@@ -363,8 +365,8 @@ FORCES = Schema(
     (
         *_group(
             "gravity",
-            _whole("degree", "1", 2, MAX_GRAVITY_DEGREE, 50, "largest degree flown; not beyond that of the field"),
-            _whole("order", "1", 0, MAX_GRAVITY_DEGREE, 50, "largest order flown; not beyond the degree"),
+            _whole("degree", "1", 2, MAX_GRAVITY_DEGREE, 70, "largest degree flown; not beyond that of the field"),
+            _whole("order", "1", 0, MAX_GRAVITY_DEGREE, 70, "largest order flown; not beyond the degree"),
             _whole("gradient_degree", "1", 2, MAX_GRADIENT_DEGREE, 4, "largest degree and order of the gradient"),
             _whole("solid_tides", "0 no, 1 yes", 0, 1, 1, "tide that Sun and Moon raise, degree 2"),
             _whole("sun", "0 no, 1 yes", 0, 1, 1, "attraction of the Sun"),

@@ -70,7 +70,7 @@ def _step_flight(nav, table, model, ahead, dt_ns, work):
         ahead.drag_mps2[i] = model.scratch.drag_mps2[i] if model.forces.area_to_mass_m2pkg > 0.0 else 0.0
     t_gps_ns = ahead.t_gps_ns + dt_ns
     variance_s2 = clock.phase_variance_s2(nav, table, t_gps_ns)
-    flight_filter.position_covariance(nav, table, t_gps_ns, ahead.UD, ahead.x[3:6], variance_s2, work)
+    flight_filter.published_covariance(nav, table, t_gps_ns, ahead.UD, ahead.x, variance_s2, work)
     return driving(table, axis_bound_m(table, work.P_rv), radius_bound_m(table, work.P_rv))
 
 

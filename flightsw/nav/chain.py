@@ -18,6 +18,9 @@ FILTER = int(DaSource.FILTER)
 STORED = int(DaSource.STORED)
 HELD = int(DaSource.HELD)
 
+# Steps of the grid that one call may take: bounds the work of a tick after a stall. The rest follows in later ticks.
+CATCH_UP = 256
+
 
 @kernel
 def is_overdue(nav, table, t_gps_ns):
@@ -71,14 +74,13 @@ def _look_ahead_flight(nav, table, dt_s, work):
     """The flight filter has one covariance, with and without fixes: process noise is physical, nothing is updated."""
     flight_model.set_transition(table, nav.x, dt_s, nav.drag_mps2, nav.gradient_ps2, work)
     flight_model.predict(nav, table, nav.t_gps_ns, nav.UD, dt_s, nav.drag_mps2, work, nav.UD_ahead)
-    v = nav.x[3:6]
     end_gps_ns = nav.t_gps_ns + round(dt_s * 1e9)
     now_s2 = clock.phase_variance_s2(nav, table, nav.t_gps_ns)
     then_s2 = clock.phase_variance_s2(nav, table, end_gps_ns)
-    flight_filter.position_covariance(nav, table, end_gps_ns, nav.UD_ahead, v, then_s2, work)
+    flight_filter.published_covariance(nav, table, end_gps_ns, nav.UD_ahead, nav.x, then_s2, work)
     axis_m = axis_bound_m(table, work.P_rv)
     radius_m = radius_bound_m(table, work.P_rv)
-    flight_filter.position_covariance(nav, table, nav.t_gps_ns, nav.UD, v, now_s2, work)
+    flight_filter.published_covariance(nav, table, nav.t_gps_ns, nav.UD, nav.x, now_s2, work)
     nav.bound_own_m = _larger(axis_bound_m(table, work.P_rv), axis_m) + nav.monitor_doubt_m
     nav.bound_own_3d_m = _larger(radius_bound_m(table, work.P_rv), radius_m) + nav.monitor_doubt_m
     nav.bound_coast_m = nav.bound_own_m
@@ -238,9 +240,12 @@ def _catch_up_epoch(nav, table, slot, t_gps_ns, rate_radps, x, p, ud, work):
 def predict_to(nav, table, model, t_gps_ns, work):
     """State and covariance predicted to the time of a fix, into work.x, work.P or work.UD; the chain is not touched.
 
-    Starts from the newest epoch that is not later than the fix. False where the history does not reach back.
+    Starts from the newest epoch that is not later than the fix. False where the history does not reach back, or the
+    chain has so much to catch up that this call cannot.
     """
     flying = table.filter_model == flight_model.FLIGHT
+    if t_gps_ns - nav.t_gps_ns > CATCH_UP * table.nav_step_ns:
+        return False
     if t_gps_ns >= nav.t_gps_ns:
         t_ns = nav.t_gps_ns
         work.x[:] = nav.x

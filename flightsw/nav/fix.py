@@ -177,4 +177,6 @@ def process(nav, table, model, inp, work, out):
     bound_m = failure_flag.driving(table, nav.bound_own_m, nav.bound_own_3d_m)
     if math.isfinite(bound_m) and failure_flag.clear_if_recovered(nav, table, bound_m):
         out.events |= _FLAG_CLEARED
+    if flying and out.type_cause[_VELOCITY] == _GATE:
+        nav.streak = 1  # half a fix refused begins the proof anew; positions go on
     return USED

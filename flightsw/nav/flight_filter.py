@@ -9,7 +9,7 @@ from flightsw.icd.enums import MeasurementType, RejectCause
 from flightsw.kernels import udu
 from flightsw.kernels.registry import kernel
 from flightsw.nav import antenna, flight_model, manoeuvre, measurement, monitor
-from flightsw.records import TYPES
+from flightsw.records import MEASUREMENTS, TYPES
 
 _POSITION = int(MeasurementType.POSITION)
 _VELOCITY = int(MeasurementType.VELOCITY)
@@ -201,13 +201,13 @@ def _watch(nav, table, inp, work, out):
     out.monitor_kind = nav.monitor_kind
     if slot == monitor.NOTHING:
         return
-    _adopt(nav, table, inp.fix_gps_ns, slot, work, out)
+    adopt(nav, table, inp.fix_gps_ns, slot, work, out)
     monitor.forget(nav)
 
 
 @kernel
-def _adopt(nav, table, t_gps_ns, slot, work, out):
-    """Act on a fault of nav.monitor_kind with onset `slot`: correct the state by it, as far as its size is known.
+def adopt(nav, table, t_gps_ns, slot, work, out):
+    """Act in work.x, work.UD on a fault of nav.monitor_kind with onset `slot`: correct by it, as far as it is known.
 
     A manoeuvre is what the state lacks; of a receiver's fault it has what it absorbed, and the receiver is excluded.
     """
@@ -243,15 +243,22 @@ def _adopt(nav, table, t_gps_ns, slot, work, out):
 
 
 @kernel
-def position_covariance(nav, table, t_gps_ns, ud, v_gcrf_mps, time_variance_s2, work):
-    """Covariance of the published position at t into work.P_rv: of the state, of the stamp (along v), of the antenna.
+def published_covariance(nav, table, t_gps_ns, ud, x, time_variance_s2, work):
+    """Covariance of the published (r, v) at t into work.P_rv: of the state x, of the stamp, of the antenna.
 
-    Also of the velocity, which the last two leave as it is.
+    A state that belongs to another instant than its stamp says is displaced along the orbit: by v in position, by the
+    acceleration, of which a sphere gives all that counts, in velocity.
     """
     p = work.P_rv
-    udu.covariance(ud, flight_model.states(table), 6, p)
+    udu.covariance(ud, flight_model.states(table), MEASUREMENTS, p)
+    rate = work.column  # of (r, v)
+    r2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+    for i in range(3):
+        rate[i] = x[3 + i]
+        rate[3 + i] = -table.mu_m3ps2 / (r2 * math.sqrt(r2)) * x[i]
+    for i in range(MEASUREMENTS):
+        for j in range(MEASUREMENTS):
+            p[i, j] += time_variance_s2 * rate[i] * rate[j]
     lever = antenna.sigma_m(nav, table, t_gps_ns) ** 2
     for i in range(3):
-        for j in range(3):
-            p[i, j] += time_variance_s2 * v_gcrf_mps[i] * v_gcrf_mps[j]
         p[i, i] += lever

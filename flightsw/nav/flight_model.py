@@ -24,6 +24,7 @@ PAPER = 0
 FLIGHT = 1
 
 _AXES = 3
+_OMITTED_ALTITUDE_M = 500_000.0  # for which the table gives the sigma of omitted gravity
 _DRAG = 9
 _BIAS = 11
 _PERIODIC = 14
@@ -103,9 +104,28 @@ def _position_response(dt_s, tau_s):
 
 
 @kernel
+def empirical_sigma_mps2(table, x):
+    """Steady sigma of the empirical accelerations at x: the table's, and what the gravity field leaves out.
+
+    That is strongest at the degree where the field ends, and fades with the radius as a field of this degree does.
+    """
+    omitted = table.omitted_gravity_sigma_mps2
+    if omitted == 0.0:
+        return table.empirical_sigma_mps2
+    r2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+    ratio2 = (table.equatorial_radius_m + _OMITTED_ALTITUDE_M) ** 2 / r2
+    omitted2 = omitted * omitted * ratio2 ** (table.omitted_gravity_degree + 2.0)
+    return math.sqrt(table.empirical_sigma_mps2**2 + omitted2)
+
+
+@kernel
 def set_transition(table, x, dt_s, drag_mps2, gradient, work):
-    """How r and v follow from the states before, into work.motion, and the decays of the others."""
+    """How r and v follow from the states before, into work.motion, and the decays of the others.
+
+    Also the steady sigma of the empirical accelerations, which drives their noise in `predict`.
+    """
     motion = work.motion
+    work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
     basis = work.rtn
     rtn_basis(x, basis)
     half = 0.5 * dt_s * dt_s
@@ -276,7 +296,7 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
             basis[1, axis],
             basis[2, axis],
             6 + axis,
-            table.empirical_sigma_mps2,
+            work.empirical_sigma_mps2,
             table.empirical_tau_s,
             dt_s,
         )
@@ -321,7 +341,7 @@ def start(table, x, sigma_r_m, sigma_v_mps, work, ud):
     for i in range(_AXES):
         p[i, i] = sigma_r_m * sigma_r_m
         p[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
-        p[6 + i, 6 + i] = table.empirical_sigma_mps2**2
+        p[6 + i, 6 + i] = empirical_sigma_mps2(table, x) ** 2
     p[_DRAG, _DRAG] = table.drag_sigma**2
     p[_DRAG + 1, _DRAG + 1] = table.drag_slow_sigma**2
     rtn_basis(x, work.rtn)

@@ -38,6 +38,8 @@ _SPARSE = 8
 # chi-square of three degrees of freedom, 0.999
 _RETURN = 16.27
 _AHEAD_S = 2.0  # until the next fix has been seen
+# doubt ends where the statistic has fallen to this share of the threshold: noise carries it across again and again
+_DOUBT_ENDS = 0.5
 
 
 @kernel
@@ -150,6 +152,7 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, work):
     no bound knows of. Doubt that lasts, and what comes soon after a manoeuvre, is a manoeuvre. What fits neither (a
     frozen fix) is left to the gate.
     """
+    in_doubt = nav.monitor_doubt_m > 0.0
     nav.monitor_statistic = 0.0
     nav.monitor_doubt_m = 0.0
     if nav.monitor_watched % table.monitor_step_fixes == 0:
@@ -199,16 +202,39 @@ def observe(nav, table, t_gps_ns, position_nis, velocity_nis, work):
     if calm and fault > table.monitor_threshold and fault - manoeuvre > table.monitor_margin:
         nav.monitor_kind = fault_kind
         return fault_slot
-    if manoeuvre > table.monitor_threshold:
+    found = manoeuvre > table.monitor_threshold
+    if found or (in_doubt and manoeuvre > _DOUBT_ENDS * table.monitor_threshold):
         nav.monitor_kind = MANOEUVRE
         age_s = (t_gps_ns - nav.monitor_t_gps_ns[manoeuvre_slot]) * 1e-9
-        if not calm or manoeuvre - fault > table.monitor_margin or age_s > table.monitor_doubt_s:
+        if found and (not calm or manoeuvre - fault > table.monitor_margin or age_s > table.monitor_doubt_s):
             return manoeuvre_slot
         # in doubt: the next fixes will tell; until then the bound holds for a manoeuvre too
         sigma = fault_size(nav, manoeuvre_slot, work)
         speed = math.sqrt(work.residual[0] ** 2 + work.residual[1] ** 2 + work.residual[2] ** 2) + 3.0 * sigma
         nav.monitor_doubt_m = speed * (age_s + _AHEAD_S)
     return NOTHING
+
+
+@kernel
+def manoeuvre_in_doubt(nav, t_gps_ns, work):
+    """The slot of the most likely manoeuvre, and nav.monitor_kind set to it, where fixes have ended in doubt; else
+    NOTHING. What the state has absorbed of it is carried on to t.
+    """
+    if nav.monitor_doubt_m == 0.0:
+        return NOTHING
+    nav.monitor_kind = MANOEUVRE
+    largest = 0.0
+    slot = NOTHING
+    for k in range(MONITOR_SLOTS):
+        if nav.monitor_t_gps_ns[k] != 0:
+            statistic = _solve(nav, k, MANOEUVRE, work)
+            if statistic > largest and _fits(nav, k, statistic, _UNEXPLAINED * statistic):
+                largest = statistic
+                slot = k
+    if slot != NOTHING:
+        absorbed = nav.monitor_absorbed[slot, MANOEUVRE]
+        absorbed[0] += (t_gps_ns - nav.monitor_last_gps_ns) * 1e-9 * absorbed[1]
+    return slot
 
 
 @kernel

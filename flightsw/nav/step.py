@@ -44,8 +44,6 @@ _BURN_REFUSED = 1 << int(AlertId.BURN_REFUSED)
 _DIVERGED = 1 << int(AlertId.DIVERGED)
 _TIME_JUMP_REJECTED = 1 << int(AlertId.TIME_JUMP_REJECTED)
 _CLOCK_REINITIALISED = 1 << int(AlertId.CLOCK_REINITIALISED)
-# Steps of the grid that one call may take: bounds the work of a tick after a stall. The rest follows in later ticks.
-_CATCH_UP = 256
 
 
 @kernel
@@ -219,7 +217,7 @@ def step(
     age_s = 0.0
     if nav.initialised:
         steps = 0
-        while nav.t_gps_ns + chain.grid_step_ns(nav, table) <= t_now and steps < _CATCH_UP:
+        while nav.t_gps_ns + chain.grid_step_ns(nav, table) <= t_now and steps < chain.CATCH_UP:
             chain.advance(nav, table, model, work)
             steps += 1
         if table.filter_model == flight_model.FLIGHT and not flight_filter.is_sound(table, nav.x, nav.UD):
@@ -233,6 +231,12 @@ def step(
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
+        slot = monitor.manoeuvre_in_doubt(nav, nav.t_gps_ns, work)
+        if slot != monitor.NOTHING:  # no fix will settle it: the state takes it as one, uncertain as it is
+            work.x[:] = nav.x
+            work.UD[:, :] = nav.UD
+            flight_filter.adopt(nav, table, nav.t_gps_ns, slot, work, out)
+            chain.commit_aside(nav, table, model, nav.t_gps_ns, work)
         monitor.forget(nav)
         nav.da_bin = -1  # the passage of a bin of stored dA ends with the fixes
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from hil_sim.truth.hermite import HermiteTrack
+from hil_sim.truth.high_degrees import DisplacedTrack
 from hil_sim.truth.piecewise import PiecewiseTrack
 
 MU_PAPER_M3PS2 = 3.9860044e14  # the paper's value: dA is what central gravity with this mu leaves out
@@ -33,7 +34,7 @@ class Truth(Protocol):
 class TrackTruth:
     """Truth held as a track of nodes in GCRF; every source ends here."""
 
-    def __init__(self, track: HermiteTrack | PiecewiseTrack, source: str) -> None:
+    def __init__(self, track: HermiteTrack | PiecewiseTrack | DisplacedTrack, source: str) -> None:
         self.track = track
         self.source = source
 

@@ -1,7 +1,8 @@
 """Truth by numerical propagation with satkit, a library flight does not use.
 
-Forces: EGM2008 to the chosen degree, drag on NRLMSISE-00 density, radiation pressure, Sun, Moon, solid tides, general
-relativity (satkit's propagator; Earth orientation IERS 2010).
+Forces: EGM2008 to the chosen degree, at most 70, and EGM96 beyond it where that is wanted (high_degrees.py); drag on
+NRLMSISE-00 density, radiation pressure, Sun, Moon, solid tides, general relativity (satkit's propagator; Earth
+orientation IERS 2010).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from hil_sim.scenario_schema import MU_EGM2008_M3PS2, AreaStep, Orbit, TruthMode
 from hil_sim.truth.burns import FlownBurn
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.hermite import NODES_EACH_SIDE, HermiteTrack
+from hil_sim.truth.high_degrees import displace
 from hil_sim.truth.interface import TrackTruth
 from hil_sim.truth.piecewise import PiecewiseTrack
 from hil_sim.truth.satkit_data import satkit_time, session
@@ -81,8 +83,12 @@ def propagate(
             t0_ns = arc.t_start_ns - len(earlier) * arc.step_ns
             edges_ns.append(arc.t_start_ns)
             pieces.append(HermiteTrack(t0_ns, arc.step_ns, samples[:, :3].copy(), samples[:, 3:].copy()))
-    track = PiecewiseTrack(edges_ns[1:], pieces) if jumps else pieces[0]
-    return TrackTruth(track, f"satkit {satkit.__version__}, EGM2008 {model.gravity_degree}, solar {model.solar}")
+    known = PiecewiseTrack(edges_ns[1:], pieces) if jumps else pieces[0]
+    source = f"satkit {satkit.__version__}, EGM2008 {model.gravity_degree}, solar {model.solar}"
+    if not model.gravity_beyond:
+        return TrackTruth(known, source)
+    beyond = (model.gravity_degree + 1, model.gravity_beyond)
+    return TrackTruth(displace(known, t_start_gps_ns, beyond, finals_path), f"{source}, EGM96 to {beyond[1]}")
 
 
 class _Arc(NamedTuple):
@@ -145,13 +151,20 @@ def _nodes(
     Nodes before the start end nothing: `state` comes back.
     """
     t0_ns, step_ns = arc.t_start_ns, arc.step_ns
-    reach_s = (numbers[0] if numbers[0] < 0 else numbers[-1]) * step_ns / 1e9
+    backward = numbers[0] < 0
+    # satkit's interpolation of many instants walks its steps once: out of the order of integration it extrapolates a
+    # step it has passed, by kilometres and without a word
+    flown = numbers[::-1] if backward else numbers
     result = satkit.propagate(
-        state, satkit_time(satkit, t0_ns), duration_secs=reach_s, propsettings=settings, satproperties=satellite
+        state,
+        satkit_time(satkit, t0_ns),
+        duration_secs=flown[-1] * step_ns / 1e9,
+        propsettings=settings,
+        satproperties=satellite,
     )
-    samples = np.array(result.interp([satkit_time(satkit, t0_ns + n * step_ns) for n in numbers]))
-    if numbers[0] < 0:
-        return samples, state
+    samples = np.array(result.interp([satkit_time(satkit, t0_ns + n * step_ns) for n in flown]))
+    if backward:
+        return samples[::-1], state
     return samples, np.array(result.interp(satkit_time(satkit, arc.t_end_ns)))
 
 

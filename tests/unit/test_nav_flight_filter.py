@@ -168,6 +168,50 @@ def test_a_command_that_means_nothing_is_counted_and_changes_nothing() -> None:
     assert causes(outputs, slice(50, 100)) == [{USED}, {USED}]
 
 
+@pytest.mark.compiled
+def test_a_wrong_stamp_displaces_the_state_along_its_orbit() -> None:
+    """GIVEN a clock of which little is known WHEN fixes and pulses end THEN the published covariance has, for position
+    and velocity together, the displacement that so much time makes along the true orbit."""
+    inputs = noisy(900, 10)
+    inputs["fix_present"][600:] = 0
+    inputs["pulse_present"][600:] = 0
+    good = fly(flying_memory(clock_q_drift_ps=0.0, clock_q_phase_s2ps=0.0), inputs.copy())
+    poor = fly(flying_memory(clock_q_drift_ps=1e-11, clock_q_phase_s2ps=0.0), inputs.copy())
+    t = poor["t_gps_ns"][-1]
+    rate = (np.concatenate(TRUTH(t + 10**8), axis=1) - np.concatenate(TRUTH(t - 10**8), axis=1))[0] / 0.2
+    added = (poor["sigma_time_s"][-1] ** 2 - good["sigma_time_s"][-1] ** 2) * np.outer(rate, rate)
+    found = poor["covariance"][-1] - good["covariance"][-1]
+    assert poor["sigma_time_s"][-1] * np.linalg.norm(rate[:3]) > 50.0
+    scale = np.sqrt(np.outer(np.diag(added), np.diag(added)))
+    np.testing.assert_allclose(found / scale, added / scale, atol=5e-3)
+
+
+@pytest.mark.compiled
+def test_velocities_that_are_refused_prove_nothing() -> None:
+    """GIVEN a receiver whose velocities are wrong by 5 m/s from the second minute on WHEN positions are used and
+    velocities refused THEN no row of good fixes comes about."""
+    inputs = noisy(120, 11)
+    inputs["fix_v_itrf_mps"][60:, 1] += 5.0
+    outputs = fly(flying_memory(), inputs)
+    assert causes(outputs, slice(60, 120)) == [{USED}, {GATE}]
+    assert outputs["streak"][59] > 40
+    assert (outputs["streak"][60:] == 1).all()
+
+
+@pytest.mark.compiled
+def test_a_fix_far_ahead_of_the_state_waits_for_it() -> None:
+    """GIVEN a state of an hour ago, as from a checkpoint WHEN a fix comes with the first call THEN it is refused as
+    stale, the state is brought up in calls of bounded work, and a fix after that is used."""
+    inputs = noisy(4000, 12)
+    kept = np.concatenate((inputs[:100], inputs[3600:3700]))
+    outputs = fly(flying_memory(), kept)
+    caught_up = int(np.flatnonzero(outputs["fix_cause"][100:] == USED)[0])
+    assert outputs["fix_cause"][100 : 100 + caught_up].tolist()[:5] == [int(RejectCause.TIME_STALE)] * 5
+    assert 10 <= caught_up <= 20
+    assert np.isnan(outputs["bound_m"][105])
+    assert np.abs(outputs["r_gcrf_m"][-1] - TRUTH(outputs["t_gps_ns"][-1])[0]).max() < outputs["bound_m"][-1]
+
+
 # -- the monitor in flight
 
 
