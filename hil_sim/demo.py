@@ -25,7 +25,7 @@ from hil_sim.scenario import LoadedScenario
 RESTART = 3  # exit status of a flight that the ground has ordered to start again
 _START_AHEAD_NS = 500_000_000
 _POLL_S = 0.05
-_PATIENCE_S = 300.0  # kernels may have to be compiled
+_PATIENCE_S = 900.0  # kernels may have to be compiled
 _GRACE_S = 5.0
 _VCAN = "vcan0"
 
