@@ -94,4 +94,4 @@ def test_link_work_is_a_small_share_of_the_tick_and_does_not_grow() -> None:
             f"({high_us / period_us:.2%}); the whole tick's work {whole_us:.0f} us; {grown} blocks after 16,000 ticks"
         )
         assert mean_us < SHARE * period_us
-        assert grown < 100
+        assert grown < 200
