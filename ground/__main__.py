@@ -24,6 +24,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "stimulus": ("ground.campaign.stimulus_command", "make what flight replays before it trusts a certified table"),
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
+    "link": ("ground.console.link_command", "make a key with which flight and console sign what they send"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
     "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
     "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
