@@ -147,7 +147,7 @@ RULES = (
         ("hil_sim/",),
         none_of("hil_sim.sil"),
         ("hil_sim/world.py", "from hil_sim import sil"),
-        {"hil_sim/__main__.py": "the command"},
+        {"hil_sim/__main__.py": "the command", "hil_sim/demo.py": "the same run as live processes, from the command"},
     ),
     Rule(
         "console, tables and interface know of flight the contract only",
