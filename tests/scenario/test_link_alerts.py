@@ -59,9 +59,10 @@ def test_a_hundred_alerts_leave_in_their_tick_and_arrive_within_three_repeats() 
 
 
 def test_link_work_is_a_small_share_of_the_tick_and_does_not_grow() -> None:
-    """GIVEN the default rates, signed both ways WHEN flight ticks 20,000 times with an order a second THEN the link's
-    members take less than 15 % of the tick on average, and leave nothing behind."""
-    with Linked("time.duration_s=2100", "outage=[{start_s=100.0, duration_s=200.0}]") as flight:
+    """GIVEN the default rates, signed both ways WHEN flight ticks 35,000 times with an order a second THEN the link's
+    members take less than 15 % of the tick on average, and once all that is bounded is full, nothing more stays behind.
+    """
+    with Linked("time.duration_s=3600", "outage=[{start_s=100.0, duration_s=200.0}]") as flight:
 
         def fly(ticks: int) -> None:
             for k in range(ticks):
@@ -78,10 +79,10 @@ def test_link_work_is_a_small_share_of_the_tick_and_does_not_grow() -> None:
                 flight.wire.down.clear()
                 flight.k += 1
 
-        fly(4000)
+        fly(25_000)  # rings of events and of what was answered fill over some 20,000 ticks
         gc.collect()
         before = sys.getallocatedblocks()
-        fly(16_000)
+        fly(10_000)
         gc.collect()
         grown = sys.getallocatedblocks() - before
         members = {member.name: member for member in flight.loop.schedule.members}
@@ -91,7 +92,7 @@ def test_link_work_is_a_small_share_of_the_tick_and_does_not_grow() -> None:
         period_us = flight.period_ns / 1e3
         print(
             f"link {mean_us:.0f} us a tick ({mean_us / period_us:.2%} of the period), 99.9 % {high_us:.0f} us "
-            f"({high_us / period_us:.2%}); the whole tick's work {whole_us:.0f} us; {grown} blocks after 16,000 ticks"
+            f"({high_us / period_us:.2%}); the whole tick's work {whole_us:.0f} us; {grown} blocks after 10,000 ticks"
         )
         assert mean_us < SHARE * period_us
-        assert grown < 200
+        assert grown < 40
