@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, Protocol
 
 from flightsw.icd import mavlink as m
@@ -32,6 +33,9 @@ _TYPES = tuple(int(kind) for kind in MeasurementType)
 _NO_BYTES = (0,) * 8
 
 Parameters7 = tuple[float, ...]
+
+# names that are made anew with each message would stay in the interpreter's cache of attributes
+_params = attrgetter(*(f"param{i}" for i in range(1, 8)))
 
 
 class Commanded(Protocol):
@@ -103,7 +107,7 @@ class Commands:
 
     def take_long(self, message: Any, sender: Sender) -> None:
         """COMMAND_LONG."""
-        values = tuple(getattr(message, f"param{i}") for i in range(1, 8))
+        values = _params(message)
         self._take(int(message.command), values, sender)
 
     def take_int(self, message: Any, sender: Sender) -> None:
