@@ -15,15 +15,15 @@ import numpy as np
 
 SOLVED = 1e-3  # relative distance to a rung that counts as its solution
 EXACT = 0.01  # the same to eps, at the end
-_FIRST_STEP, _LARGEST_STEP, _SMALLEST_STEP = 0.3, 0.6, 1e-3  # decades
+_FIRST_STEP, _LARGEST_STEP, _SMALLEST_STEP = 0.3, 0.6, 5e-3  # decades
 _BARRIER, _LAST_BARRIER = 0.1, 5e-4  # weight of the slack: by what is left to descend (logarithm), and at the end
 _FAILURES = 3  # rungs in a row that are not reached
-_SWEEPS = 60  # over the parameters, for one rung
+_SWEEPS = 40  # over the parameters, for one rung
 
 
 class Trial(NamedTuple):
     """What a row is worth where (22) holds. at_t_m: s(T), the geometric mean over outages; slack: mean over outages of
-    -log(1 - worst error / bound), 0 for all room, infinite for none; early: mean of -log(T_flag / T)."""
+    -log(1 - worst error / bound), and the same of what else must hold, 0 for all room, infinite for none; early: mean of -log(T_flag / T)."""
 
     at_t_m: float
     slack: float

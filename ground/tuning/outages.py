@@ -56,11 +56,13 @@ class Plan:
 
 
 class Flown(NamedTuple):
-    """Outages for tuning, beside them the errors by axis (N + 1, L, 3) [m], GCRF, and the tuning row in force."""
+    """Outages for tuning, beside them the errors by axis (N + 1, L, 3) [m], GCRF, the bound that flight published with
+    the set as it was (N + 1, L) [m], which serves the interval that follows, and the tuning row in force."""
 
     plan: Plan
     outages: Outages
     error_xyz_m: np.ndarray
+    published_m: np.ndarray
     row: int
 
 
@@ -102,7 +104,7 @@ def fly(plan: Plan, folder: Path | None = None, advance: Advance = lambda n: Non
         int(values["integrator"][0]) == RK4,
         float(values["k_axis"][0]),
     )
-    return Flown(plan, outages, held["error_xyz_m"], int(held["row"]))
+    return Flown(plan, outages, held["error_xyz_m"], held["published_m"], int(held["row"]))
 
 
 def _name(plan: Plan, crc32: int) -> str:
@@ -121,7 +123,7 @@ def _fly_all(plan: Plan, image: TableImage, advance: Advance) -> dict[str, np.nd
     n = plan.outage_s
     sky, orientation = _sky(2 * PERIOD_S + n + 10)
     p0, gradient = np.empty((plan.phases, 9, 9)), np.empty((n, 6, plan.phases))
-    error = np.empty((n + 1, plan.phases, 3))
+    error, published = np.empty((n + 1, plan.phases, 3)), np.empty((n + 1, plan.phases))
     rows = set()
     for lane, phase in enumerate(plan.phase_deg):
         first = round(PERIOD_S * float(phase) / 360.0) % PERIOD_S
@@ -142,8 +144,16 @@ def _fly_all(plan: Plan, image: TableImage, advance: Advance) -> dict[str, np.nd
         for epoch in range(n):
             gradient[epoch, :, lane] = [nav["gradient_ps2"][i, j] for i, j in _UPPER]
             outputs.append(arc.fly(memory, coast[epoch : epoch + 1]))
-        error[:, lane] = Errors.of(track.part(PERIOD_S - 1), np.concatenate(outputs)).r_m
+        flown = np.concatenate(outputs)
+        error[:, lane] = Errors.of(track.part(PERIOD_S - 1), flown).r_m
+        published[:, lane] = flown["bound_m"]
         advance(1)
     if len(rows) != 1:
         raise OperatorError(f"--set {plan.table_set}: fixes of {plan.sigma_m:g} m meet different rows {sorted(rows)}")
-    return {"p0": p0, "gradient_ps2": gradient, "error_xyz_m": error, "row": np.array(rows.pop())}
+    return {
+        "p0": p0,
+        "gradient_ps2": gradient,
+        "error_xyz_m": error,
+        "published_m": published,
+        "row": np.array(rows.pop()),
+    }

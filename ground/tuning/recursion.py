@@ -23,13 +23,13 @@ _BLOCKS = types.Array(types.float64, 3, "C")
 
 
 @kernel
-def _transit(p, m, g, dt_s, second):
+def _transit(p, m, g, dt_s, second, lanes):
     """p = Phi p Phi' in place (9, 9, LANES); g (6, LANES): xx, xy, xz, yy, yz, zz of the gradient."""
     # m = Phi p, row by row
     for j in range(9):
         for i in range(3):
             a, b, c = (0, 1, 2) if i == 0 else ((1, 3, 4) if i == 1 else (2, 4, 5))
-            for k in range(LANES):
+            for k in range(lanes):
                 pull = g[a, k] * p[0, j, k] + g[b, k] * p[1, j, k] + g[c, k] * p[2, j, k]
                 pull_v = g[a, k] * p[3, j, k] + g[b, k] * p[4, j, k] + g[c, k] * p[5, j, k]
                 m[i, j, k] = p[i, j, k] + second * pull + dt_s * p[3 + i, j, k] + second * p[6 + i, j, k]
@@ -39,7 +39,7 @@ def _transit(p, m, g, dt_s, second):
     for i in range(9):
         for j in range(3):
             a, b, c = (0, 1, 2) if j == 0 else ((1, 3, 4) if j == 1 else (2, 4, 5))
-            for k in range(LANES):
+            for k in range(lanes):
                 pull = g[a, k] * m[i, 0, k] + g[b, k] * m[i, 1, k] + g[c, k] * m[i, 2, k]
                 pull_v = g[a, k] * m[i, 3, k] + g[b, k] * m[i, 4, k] + g[c, k] * m[i, 5, k]
                 p[i, j, k] = m[i, j, k] + second * pull + dt_s * m[i, 3 + j, k] + second * m[i, 6 + j, k]
@@ -47,27 +47,27 @@ def _transit(p, m, g, dt_s, second):
                 p[i, 6 + j, k] = m[i, 6 + j, k]
     for i in range(9):
         for j in range(i):
-            for k in range(LANES):
+            for k in range(lanes):
                 mean = 0.5 * (p[i, j, k] + p[j, i, k])
                 p[i, j, k] = mean
                 p[j, i, k] = mean
 
 
 @kernel
-def _update(p, column, r_m2, v_m2ps2):
+def _update(p, column, r_m2, v_m2ps2, lanes):
     """Six scalar pseudo-measurements of positions and velocities, of these variances; the state is left alone."""
     for h in range(6):
         variance = r_m2 if h < 3 else v_m2ps2
-        for k in range(LANES):
+        for k in range(lanes):
             column[9, k] = 1.0 / (p[h, h, k] + variance)
         for i in range(9):
-            for k in range(LANES):
+            for k in range(lanes):
                 column[i, k] = p[i, h, k]
         for i in range(9):
-            for k in range(LANES):
+            for k in range(lanes):
                 column[10, k] = column[i, k] * column[9, k]
             for j in range(i, 9):
-                for k in range(LANES):
+                for k in range(lanes):
                     value = p[i, j, k] - column[10, k] * column[j, k]
                     p[i, j, k] = value
                     p[j, i, k] = value
@@ -87,8 +87,8 @@ def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_
     for first in range(0, lanes, LANES):
         here = min(LANES, lanes - first)
         longest = 0
-        for k in range(LANES):
-            source = first + min(k, here - 1)  # lanes to spare repeat the last one, and are not read
+        for k in range(here):
+            source = first + k
             if last[source] > longest:
                 longest = last[source]
             for i in range(9):
@@ -96,13 +96,13 @@ def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_
                     p[i, j, k] = p0[source, i, j]
         for epoch in range(longest):
             for i in range(6):
-                for k in range(LANES):
-                    g[i, k] = gradient_ps2[epoch, i, first + min(k, here - 1)]
-            _transit(p, m, g, dt_s, second)
+                for k in range(here):
+                    g[i, k] = gradient_ps2[epoch, i, first + k]
+            _transit(p, m, g, dt_s, second, here)
             for i in range(9):
-                for k in range(LANES):
+                for k in range(here):
                     p[i, i, k] += row[i // 3]
-            _update(p, column, row[3] * row[3], row[4] * row[4])
+            _update(p, column, row[3] * row[3], row[4] * row[4], here)
             for k in range(here):
                 lane = first + k
                 if epoch + 1 > last[lane]:
