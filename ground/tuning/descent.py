@@ -1,8 +1,8 @@
 """The search of the paper: coordinate descent on the parameters of (17), down the ladder (23) while (22) holds.
 
-Knows nothing of orbits: what a point is worth is told by a function. Steps are taken in the logarithm of each parameter.
-A descent that follows s(T) alone soon stands in a corner of (22), from which no single parameter leads on: what it
-minimises therefore has a share of slack in it, a logarithmic barrier, that fades as the ladder ends.
+Knows nothing of orbits: what a point is worth is told by a function. Steps are taken in the logarithm of each
+parameter. A descent that follows s(T) alone soon stands in a corner of (22), from which no single parameter leads on:
+what it minimises therefore has a share of slack in it, a logarithmic barrier, that fades as the ladder ends.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ _SWEEPS = 40  # over the parameters, for one rung
 
 class Trial(NamedTuple):
     """What a row is worth where (22) holds. at_t_m: s(T), the geometric mean over outages; slack: mean over outages of
-    -log(1 - worst error / bound), and the same of what else must hold, 0 for all room, infinite for none; early: mean of -log(T_flag / T)."""
+    -log(1 - worst error / bound), and the same of what else must hold, 0 for all room, infinite for none;
+    early: mean of -log(T_flag / T)."""
 
     at_t_m: float
     slack: float
@@ -50,7 +51,8 @@ class Rung(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Where a search ended: the row (5,), what it is worth, whether s(T) is eps, the ladder, how many rows were tried."""
+    """Where a search ended: the row (5,), what it is worth, whether s(T) is eps, the ladder, how many rows were
+    tried."""
 
     row: np.ndarray
     trial: Trial

@@ -2,8 +2,8 @@
 
 A bound is k times a sigma that does not depend on k. The worst error / bound of an outage therefore says which k it
 would have needed: nothing has to be flown again. The k that proves a rate is an order statistic of those (the count
-beyond it is binomial: Clopper and Pearson). Too few outages prove nothing; then the largest is carried on to the rate as
-errors of a perfectly known covariance would go on (floor.py), and that is said.
+beyond it is binomial: Clopper and Pearson). Too few outages prove nothing; then the largest is carried on to the rate
+as errors of a perfectly known covariance would go on (floor.py), and that is said.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def allowed(trials: int, rate: float) -> int:
 def factor(group: str, needed: np.ndarray, rate: float, floor_k: float, trials: int | None = None) -> Factor:
     """k for outages that needed so much (n,). trials: of which `needed` are the largest, if not as many.
 
-    floor_k: that breaks 0.003 of outages under a perfectly known covariance; carries k on where n is too small. Infinite
-    where outages beyond any k are more than may be.
+    floor_k: that breaks 0.003 of outages under a perfectly known covariance; carries k on where n is too small.
+    Infinite where outages beyond any k are more than may be.
     """
     n = len(needed) if trials is None else max(trials, len(needed))
     if not len(needed):

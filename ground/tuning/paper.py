@@ -1,7 +1,7 @@
 """The paper's own tuning: coordinate descent on (17) with (22) and (23), for one outage and for all start phases.
 
-One outage is solved exactly and by frequency, for the comparison with Table 1 and figure 5. What goes into the set is one
-row for all start phases, tried on phases and noise that it was not made from.
+One outage is solved exactly and by frequency, for the comparison with Table 1 and figure 5. What goes into the set is
+one row for all start phases, tried on phases and noise that it was not made from.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Paper:
             )
         broken = sum(int(np.sum(one.common.worst_unseen > 1.0)) for one in results)
         summary = (
-            f"{phases} start phases, as many unseen: (22) broken in {broken} of {phases * len(results)} unseen outages; "
+            f"{phases} start phases, as many unseen: (22) broken in {broken} of {phases * len(results)} unseen; "
             + "; ".join(
                 f"{one.sigma_m:g} m: T_flag / T {np.nanmedian(one.common.share_unseen):.2f} in the median"
                 for one in results

@@ -51,8 +51,8 @@ def lines(results: list[Result]) -> list[str]:
         found.append("")
     found += [
         "The bound of a row that meets eps on one outage meets it early or late on another: s(T) = eps for all of them",
-        "cannot be had, and (22) then makes the flag early. Where the search may end is set by the linter: (17) must settle",
-        "above twice eps. Without that the descent ends in a bound that is flat near eps, as Table 1's is below it.",
+        "cannot be had, and (22) then makes the flag early. Where the search may end is set by the linter: (17) must",
+        "settle above twice eps. Without that the descent ends in a bound that is flat near eps, as Table 1's below.",
     ]
     return found
 
@@ -74,8 +74,8 @@ def _row(name: str, row: Iterable[float]) -> list[str]:
 def _single(name: str, one: Single) -> str:
     reached = "" if one.found.exact else ": no exact solution was found, the ladder ended here"
     return (
-        f"- {name}: T = {one.t_s:.0f} s, s(T) = {one.found.trial.at_t_m:.0f} m{reached}, flag at {one.flag_s:.0f} s, (22) "
-        f"broken at {one.broken} epochs; {len(one.found.ladder)} rungs, {one.found.tried} rows tried"
+        f"- {name}: T = {one.t_s:.0f} s, s(T) = {one.found.trial.at_t_m:.0f} m{reached}, flag at {one.flag_s:.0f} s, "
+        f"(22) broken at {one.broken} epochs; {len(one.found.ladder)} rungs, {one.found.tried} rows tried"
     )
 
 
@@ -90,7 +90,7 @@ def _figure_5(one: Result) -> Figure:
     figure, (axes,) = style.new_figure(
         1,
         "Figure 5 of the paper, with its Table 1 and with what (15) to (23) give here",
-        f"errors per axis and the bound, both signs; fixes of {one.sigma_m:g} m; start phase {one.exact.phase_deg:.0f} deg",
+        f"errors of the axes and the bound; fixes of {one.sigma_m:g} m; start phase {one.exact.phase_deg:.0f} deg",
     )
     lane = int(np.flatnonzero(one.problem.reached)[0])
     outage = one.problem.outages.of(np.array([lane]))

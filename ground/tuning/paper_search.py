@@ -1,4 +1,5 @@
-"""The paper's problem (15) to (23) on outages that were flown: one outage exactly or by frequency, or all start phases."""
+"""The paper's problem (15) to (23) on outages that were flown: one outage exactly or by frequency, or all start
+phases."""
 
 from __future__ import annotations
 
@@ -98,8 +99,8 @@ def solve(problem: Problem, margin: float = 1.0, frequency: float = 0.0, common:
 def margin_of(problem: Problem) -> float:
     """What to ask for beyond (22) so that phases which were not tuned on hold: each half is tuned on the other one.
 
-    Rows that only just cover the outages they were made from are broken by others. The margin is the worst error / bound
-    that either row meets on the half which it has not seen; at least 1.
+    Rows that only just cover the outages they were made from are broken by others. The margin is the worst error /
+    bound that either row meets on the half which it has not seen; at least 1.
     """
     lanes = np.arange(len(problem.last))
     halves = problem.part(lanes[::2]), problem.part(lanes[1::2])

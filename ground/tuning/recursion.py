@@ -1,10 +1,11 @@
 """Equation (17) for many outages at once: covariances in lanes, one candidate row at a time, seconds for a search.
 
 The state error of an outage does not depend on the settings of (17). Errors, and the gradient of gravity that the
-transition takes at each epoch, are flown once (`outages.py`); here nothing but covariances move. Flight's own kernel does
-one outage at a time with general matrix products; this one knows the structure of Phi, takes the six pseudo-measurements
-one after the other (their noise is diagonal, so the result is the same) and has sixteen outages side by side, innermost,
-where the processor does several at once. A test holds it against flight's kernel; every row found is flown in the end.
+transition takes at each epoch, are flown once (`outages.py`); here nothing but covariances move. Flight's own kernel
+does one outage at a time with general matrix products; this one knows the structure of Phi, takes the six
+pseudo-measurements one after the other (their noise is diagonal, so the result is the same) and has sixteen outages
+side by side, innermost, where the processor does several at once. A test holds it against flight's kernel; every row
+found is flown in the end.
 """
 
 from __future__ import annotations
@@ -94,6 +95,7 @@ def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_
             for i in range(9):
                 for j in range(9):
                     p[i, j, k] = p0[source, i, j]
+            before[k] = k_axis * math.sqrt(max(p[0, 0, k], max(p[1, 1, k], p[2, 2, k])))
         for epoch in range(longest):
             for i in range(6):
                 for k in range(here):
@@ -113,7 +115,7 @@ def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_
                     bound_m[epoch + 1, lane] = s_m
                 if s_m > limit_m and not (found[2, lane] >= 0.0):
                     share = (limit_m - before[k]) / (s_m - before[k])
-                    found[2, lane] = epoch + share if before[k] < limit_m else epoch + 1.0
+                    found[2, lane] = epoch + share if before[k] <= limit_m else 0.0
                 before[k] = s_m
                 ratio = error_m[epoch + 1, lane] / s_m
                 if not (ratio <= found[1, lane]):  # NaN stays
@@ -158,8 +160,8 @@ class Outages(NamedTuple):
 class Carried(NamedTuple):
     """What a row does to each outage (L,), and whether (22) held as often as wanted; if not, the rest is not computed.
 
-    at_last_m: bound at the last epoch; worst: largest error / bound; flag_s: when the bound crosses the limit, NaN where
-    it does not; broken: epochs at which the bound, without the margin's share, was too small.
+    at_last_m: bound at the last epoch; worst: largest error / bound; flag_s: when the bound crosses the limit, NaN
+    where it does not; broken: epochs at which the bound, without the margin's share, was too small.
     """
 
     holds: bool

@@ -27,9 +27,9 @@ _LEAST_GAIN = 0.02
 
 
 class Shape(NamedTuple):
-    """sigmas (bands, bins): rms of error / sigma of the largest axis, NaN for what was not flown; loss: mean logarithm of
-    the largest over each, what the bound is too loose by for its shape; parts (10,): the loss with a tenth of the outages
-    left out."""
+    """sigmas (bands, bins): rms of error / sigma of the largest axis, NaN for what was not flown; loss: mean logarithm
+    of the largest over each, what the bound is too loose by for its shape; parts (10,): the loss with a tenth of the
+    outages left out."""
 
     sigmas: np.ndarray
     loss: float

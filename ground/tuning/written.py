@@ -80,7 +80,8 @@ def set_text(base: Mapping[str, Any], name: str, method: str, effort: Effort, tu
         place[field] = value
     effort_word = "quick" if effort.quick else "full"
     found = [
-        f"# Written by `ground tune --method {method}` ({effort_word}, seed {effort.seed}); {EVIDENCE} has the evidence.",
+        f"# Written by `ground tune --method {method}` ({effort_word}, seed {effort.seed}).",
+        f"# {EVIDENCE} beside it has the evidence.",
         f"# {tuned.summary}",
         f"name = {json.dumps(name)}",
         f"description = {json.dumps(_description(base, method, effort))}",

@@ -1,4 +1,5 @@
-"""The consistent tuning: k from order statistics, the shape of a bound, and a campaign of a dozen outages end to end."""
+"""The consistent tuning: k from order statistics, the shape of a bound, and a campaign of a dozen outages end to
+end."""
 
 from __future__ import annotations
 
@@ -95,8 +96,8 @@ def test_gravity_beyond_the_field_is_in_the_truth_of_low_orbits() -> None:
 
 @pytest.mark.compiled
 def test_a_dozen_outages_make_a_set_that_builds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """GIVEN twelve short outages WHEN tuned twice THEN set, report and evidence are there, the set passes the linter and
-    says that it is quick, nothing was flown the second time, and figures are the same."""
+    """GIVEN twelve short outages WHEN tuned twice THEN set, report and evidence are there, the set passes the linter
+    and says that it is quick, nothing was flown the second time, and figures are the same."""
     words = ["tune", "--quick", "--runs", "12", "--jobs", "1", "--out", str(tmp_path)]
     assert main(words) == 0
     path = tmp_path / "flight_tuned.toml"

@@ -1,5 +1,5 @@
-"""The paper's tuning: (17) in lanes against matrices and against flight, the ladder, where a bound settles, what is said
-of Table 1."""
+"""The paper's tuning: (17) in lanes against matrices and against flight, the ladder, where a bound settles, what is
+said of Table 1."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def by_matrices(outages: Outages, lane: int, row: np.ndarray) -> list[float]:
             ]
         )
         p = phi @ p @ phi.T + q
-        k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+        k = np.linalg.solve(h @ p @ h.T + r, h @ p).T  # S is symmetric
         p = (np.eye(9) - k @ h) @ p
         bounds.append(outages.k_axis * np.sqrt(np.diag(p)[:3].max()))
     return bounds
@@ -115,8 +115,8 @@ def test_a_bound_settles_where_the_linter_says() -> None:
 
 
 def test_the_ladder_ends_at_eps_or_where_22_stops_it() -> None:
-    """GIVEN s(T) = q_R s_R, with (22) as q_R >= 2, s_R >= 50 WHEN descended from 5000 to 1000 THEN exactly there; to 60,
-    below the least that is possible, THEN at 100, and it is said to be not exact."""
+    """GIVEN s(T) = q_R s_R, with (22) as q_R >= 2, s_R >= 50 WHEN descended from 5000 to 1000 THEN exactly there; to
+    60, below the least that is possible, THEN at 100, and it is said to be not exact."""
 
     def attempt(row: np.ndarray) -> Trial | None:
         if row[0] < 2.0 or row[3] < 50.0:
@@ -138,9 +138,9 @@ def test_the_ladder_ends_at_eps_or_where_22_stops_it() -> None:
 
 @pytest.mark.compiled
 def test_one_outage_is_solved_exactly_and_the_row_flies(tmp_path: Path) -> None:
-    """GIVEN the paper's model, six start phases WHEN tuned THEN one outage has s(T) = eps to 1 % without a break of (22);
-    the common row breaks it nowhere it was tuned on; the set that is written builds, passes the linter and says what was
-    before; Table 1 is refused with the reason."""
+    """GIVEN the paper's model, six start phases WHEN tuned THEN one outage has s(T) = eps to 1 % without a break of
+    (22); the common row breaks it nowhere it was tuned on; the set that is written builds, passes the linter and says
+    what was before; Table 1 is refused with the reason."""
     effort = Effort(quick=True, runs=6)
     tuned = paper.Paper().tune("paper", tmp_path, effort, no_bar)
     (fixes,) = tuned.evidence["fixes"]
