@@ -14,6 +14,7 @@ STAMP := $(VENV)/.leonav-setup
 CANDIDATES := python3.11 python3.12 python3.13 python3
 RUN ?= runs/nominal
 OUT := build/test
+OUTSIDE := tests/real_data tests/packaging
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -57,14 +58,14 @@ sil: setup  ## fly the nominal scenario: two orbits, a GNSS outage, a verdict an
 	@$(PY) -m hil_sim run nominal --out runs/nominal
 
 .PHONY: test
-# The lanes of the kernels run beside the whole suite, which takes longest; its output follows theirs, so that its summary
-# is the last line. Every lane runs even if another has failed.
-test: setup  ## all tests: kernels with bounds checks, kernels as plain Python with coverage, beside them everything
+# The lanes of the kernels, and what needs real data or an environment of its own, run beside the rest, which takes
+# longest; its output follows theirs, so that its summary is the last line. Every lane runs even if another has failed.
+test: setup  ## all tests: kernels with bounds checks, as plain Python with coverage, outside; beside them the rest
 	@mkdir -p $(OUT); \
 	$(MAKE) --no-print-directory test-default >$(OUT)/default.log 2>&1 & default=$$!; \
 	trap 'kill $$default 2>/dev/null' INT TERM; \
 	status=0; \
-	for lane in test-bounds test-coverage; do \
+	for lane in test-bounds test-coverage test-outside; do \
 	  $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
 	done; \
 	echo "== everything, as it flies"; \
@@ -73,8 +74,13 @@ test: setup  ## all tests: kernels with bounds checks, kernels as plain Python w
 	wait; exit $$status
 
 .PHONY: test-default
-test-default: setup  ## the whole suite as it flies: kernels compiled
-	@$(PY) -m pytest
+test-default: setup  ## everything but test-outside, as it flies: kernels compiled
+	@$(PY) -m pytest $(addprefix --ignore=,$(OUTSIDE))
+
+.PHONY: test-outside
+test-outside: setup  ## real orbits and receivers; the wheel in an environment of its own
+	@echo "== real data, packaging"
+	@$(PY) -m pytest $(OUTSIDE)
 
 # Kernels compiled with bounds checks live in a cache folder of their own (flightsw/kernels/kernel_cache.py).
 .PHONY: test-bounds

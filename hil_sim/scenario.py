@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from datetime import date, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -298,6 +299,7 @@ def _without_index(key: str) -> str:
 # -- walking -----------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=256)
 def _section_type(key: str) -> type[Section]:
     """Struct of a section by dotted key ('' the scenario, 'outage.0' an outage), or KeyError."""
     head, _, rest = key.partition(".")

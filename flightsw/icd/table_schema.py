@@ -107,18 +107,12 @@ NAVIGATION = Schema(
                 "largest |dA| component expected; start sigma is a third",
             ),
             _real("gate_nis", "1", 1.0, 1e9, 60.0, "largest NIS (6 dof) of an accepted fix"),
-            _real(
-                "correlation_excess",
-                "1",
-                0.0,
-                1e-2,
-                1e-6,
-                "a squared correlation beyond 1 by more is divergence",
-            ),
+            _real("correlation_excess", "1", 0.0, 1e-2, 1e-6, "a squared correlation beyond 1 by more is divergence"),
         ),
         *_group(
             "flight_filter",  # beside the paper's filter: empirical accelerations
             _whole("filter_model", "0 paper, 1 flight", 0, 1, 0, "which process model the filter flies"),
+            _real("split_step_max_s", "s", 0.0, 10.0, 2.0, "up to here one evaluation of the forces a step; 0: never"),
             _real("empirical_sigma_mps2", "m/s2", 0.0, 1e-3, 5e-8, "steady sigma of each RTN acceleration"),
             _real("empirical_tau_s", "s", 1.0, 1e6, 600.0, "correlation time of the RTN accelerations"),
             _real("omitted_gravity_sigma_mps2", "m/s2", 0.0, 1e-3, 0.0, "what the field leaves out adds at 500 km"),

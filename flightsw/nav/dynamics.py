@@ -54,6 +54,46 @@ def _mean(dt_s, tau_s):
 
 
 @kernel
+def _advance_split(table, model, t_gps_ns, x, dt_ns, drag_scale, empirical, pole, work):
+    """One step by Runge-Kutta on the small model; what the forces have beyond it is that of the middle of the step.
+
+    One evaluation of the forces instead of four. The middle takes a term of angular frequency w for 1 - (w dt)^2 / 24
+    of itself: at 1 s 3e-4 of gravity's degree 70, less than any model knows it. False, and x untouched, outside the
+    Earth-orientation table.
+    """
+    half_ns = dt_ns // 2
+    y = work.x_model
+    for i in range(6):
+        y[i] = x[i]
+    for i in range(3):
+        y[6 + i] = 0.0
+    integrators.rk4(table, y, half_ns * 1e-9, pole, work.stages)
+    beyond = work.three
+    if not force_model.acceleration(
+        model.forces,
+        model.field,
+        model.eop,
+        t_gps_ns + half_ns,
+        y[0:3],
+        y[3:6],
+        drag_scale,
+        empirical,
+        model.scratch,
+        beyond,
+    ):
+        return False
+    gravity.acceleration(table, y[0:3], pole, work.small_mps2)
+    for i in range(6):
+        y[i] = x[i]
+    for i in range(3):
+        y[6 + i] = beyond[i] - work.small_mps2[i]
+    integrators.rk4(table, y, dt_ns * 1e-9, pole, work.stages)
+    for i in range(6):
+        x[i] = y[i]
+    return True
+
+
+@kernel
 def _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work):
     dt_s = dt_ns * 1e-9
     kept = _mean(dt_s, table.empirical_tau_s)
@@ -62,9 +102,12 @@ def _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work):
         empirical[i] = kept * x[6 + i]
     drag_scale = 1.0 + _mean(dt_s, table.drag_tau_s) * x[9] + _mean(dt_s, table.drag_slow_tau_s) * x[10]
     flight_model.set_decays(table, x, dt_s, work)
-    ok = orbit_integrators.advance(
-        model.forces, model.field, model.eop, t_gps_ns, x[0:6], dt_ns, drag_scale, empirical, model.scratch
-    )
+    if dt_s <= table.split_step_max_s:
+        ok = _advance_split(table, model, t_gps_ns, x, dt_ns, drag_scale, empirical, pole, work)
+    else:
+        ok = orbit_integrators.advance(
+            model.forces, model.field, model.eop, t_gps_ns, x[0:6], dt_ns, drag_scale, empirical, model.scratch
+        )
     if not ok:
         for i in range(6):
             work.x_model[i] = x[i]

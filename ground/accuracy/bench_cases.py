@@ -46,8 +46,8 @@ class Orbit(NamedTuple):
     period_s: float | None = None  # of a simulated orbit
 
 
-# Cross-section by mass from public figures: GRACE-FO 600 kg and 1.0 m2 (frontal), Sentinel-3 1150 kg,
-# Sentinel-1 2200 kg, Jason-2 510 kg, with their solar arrays.
+# Cross-section by mass from public figures: GRACE-FO 600 kg and 1.0 m2 (frontal: drag is what counts there), Sentinel-3
+# 1150 kg, array of 10.5 m2 and body of 2.2 m by 2.2 m, Sentinel-1 2200 kg, Jason-2 510 kg, with their solar arrays.
 _SENTINEL_3A = "leo_sp3/ssas3a20.b18358.e19003.DG_.sp3.gz"
 _GRACE_FO = "leo_gracefo/GRACE-C_59412_orbit_crf.orb.gz"
 _JASON_2 = "leo_sp3/grgja203.b08243.e08247.D_S.sp3.gz"
@@ -64,7 +64,7 @@ _SIMULATED_PERIOD_S = 2.0 * math.pi * math.sqrt(6878136.3**3 / 3.986004415e14)
 ORBITS = {
     orbit.name: orbit
     for orbit in (
-        Orbit("sentinel3a", "sentinel3a_outage", datetime(2018, 12, 30), LONGEST_S, 0.005, (), _SENTINEL_3A),
+        Orbit("sentinel3a", "sentinel3a_outage", datetime(2018, 12, 30), LONGEST_S, 0.013, (), _SENTINEL_3A),
         Orbit("gracefo", "gracefo_outage", datetime(2021, 7, 17, 0, 5), 85_400, 0.0018, (), _GRACE_FO),
         Orbit(
             "jason2",

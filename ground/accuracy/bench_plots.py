@@ -223,7 +223,10 @@ def _legend(figure: Figure, panel: Axes, columns: int) -> None:
 def _name(panel: Axes, one: Flown, words: str) -> None:
     title = TITLES.get(one.case.orbit.name, one.case.orbit.name)
     panel.set_title(title, loc="left", fontsize=10.5, fontweight="bold")
-    panel.set_title(words, loc="right", fontsize=9.0, color=style.GREY)
+    # within the panel: a second title would run into the first
+    panel.annotate(
+        words, (0.985, 0.975), xycoords="axes fraction", ha="right", va="top", fontsize=9.0, color=style.GREY
+    )
 
 
 def _short(one: Flown) -> str:

@@ -46,6 +46,13 @@ def _carry(forces, field, eop, t_gps_ns, step_s, empirical_rtn, drag_scale, stat
     return states.shape[0] - 1
 
 
+def _empirical_sigma_mps2(table: Any, radius_m: np.ndarray) -> np.ndarray:
+    """Steady sigma of each empirical acceleration at these radii: the table's, and omitted gravity's."""
+    ratio = (float(table["equatorial_radius_m"]) + 500e3) / radius_m
+    omitted = float(table["omitted_gravity_sigma_mps2"]) * ratio ** (float(table["omitted_gravity_degree"]) + 2.0)
+    return np.hypot(float(table["empirical_sigma_mps2"]), omitted)
+
+
 def draw(sky: Sky, memory: Memory, first: int, count: int, noise: np.random.Generator) -> Track:
     """A motion of `count` rows that begins at the sky's true state of second `first`. The table in `memory` says how
     its accelerations vary; within a step they have the mean of its ends."""
@@ -53,7 +60,8 @@ def draw(sky: Sky, memory: Memory, first: int, count: int, noise: np.random.Gene
     white = {name: float(table[f"white_{name}_m2ps3"]) for name in ("radial", "along", "cross")}
     if any(white.values()):
         raise OperatorError(f"white accelerations {white}: the truth of a study of consistency draws none; set them 0")
-    empirical = coloured(noise, count, float(table["empirical_sigma_mps2"]), float(table["empirical_tau_s"]))
+    sigma_mps2 = _empirical_sigma_mps2(table, np.linalg.norm(sky.r_m[first : first + count], axis=1))
+    empirical = sigma_mps2[:, None] * coloured(noise, count, 1.0, float(table["empirical_tau_s"]))
     fast = coloured(noise, count, float(table["drag_sigma"]), float(table["drag_tau_s"]), 1)
     slow = coloured(noise, count, float(table["drag_slow_sigma"]), float(table["drag_slow_tau_s"]), 1)
     scale = 1.0 + (fast + slow)[:, 0]

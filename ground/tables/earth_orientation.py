@@ -11,6 +11,7 @@ UT1 - GPS has no leap seconds, so nothing jumps in it.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,6 +107,16 @@ def read_finals(finals_path: str | Path | None = None) -> Observations:
 
         finals_path = astropy_iers_data.IERS_A_FILE
     path = Path(finals_path)
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be read as an IERS finals2000A file: {error}") from error
+    return _read_finals(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=2)  # a campaign makes hundreds of tables from one file; a changed file is read anew
+def _read_finals(path: Path, modified_ns: int, size: int) -> Observations:
+    del modified_ns, size
     try:
         lines = path.read_text(encoding="ascii").splitlines()
     except (OSError, UnicodeDecodeError) as error:

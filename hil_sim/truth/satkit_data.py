@@ -17,6 +17,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import date, timedelta
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -166,27 +167,34 @@ def _load_space_weather(satkit: ModuleType, t_first_gps_ns: int, t_last_gps_ns: 
 
         path = _packaged_data(satkit_data) / SPACE_WEATHER_NAME
     try:
-        content = path.read_bytes()
+        state = path.stat()
+        lines = _weather_lines(path, state.st_mtime_ns, state.st_size)
     except OSError as error:
         raise DataError(f"{path}: space weather cannot be read: {error.strerror}") from None
     first = gps_time.to_calendar(t_first_gps_ns).date() - timedelta(days=3)
     last = gps_time.to_calendar(t_last_gps_ns).date()
-    part = _daily_rows(path, content, first, last)
+    part = _daily_rows(path, lines, first, last)
     try:
         satkit.spaceweather.init_from_bytes(part)
     except RuntimeError as error:
         raise DataError(f"{path}: satkit refuses this space weather: {error}") from None
 
 
-def _daily_rows(path: Path, content: bytes, first: date, last: date) -> bytes:
+@lru_cache(maxsize=2)  # a campaign builds hundreds of truths from one file; a changed file is read anew
+def _weather_lines(path: Path, modified_ns: int, size: int) -> tuple[str, ...]:
+    del modified_ns, size
+    return tuple(path.read_bytes().decode("ascii", errors="replace").splitlines())
+
+
+def _daily_rows(path: Path, text: tuple[str, ...], first: date, last: date) -> bytes:
     """The measured or daily-predicted rows of the span with their header; monthly predictions do not count."""
-    text = content.decode("ascii", errors="replace").splitlines()
     try:
         columns = next(csv.reader(io.StringIO(text[0])))
         kind = columns.index("F10.7_DATA_TYPE")
     except (IndexError, ValueError, StopIteration):
         raise DataError(f"{path}: not a CelesTrak SW-All.csv file") from None
-    rows = [line for line in text[1:] if first.isoformat() <= line[:10] <= last.isoformat()]
+    since, until = first.isoformat(), last.isoformat()
+    rows = [line for line in text[1:] if since <= line[:10] <= until]
     days = [line[:10] for line in rows if line.split(",")[kind] in ("OBS", "OBS-P", "INT", "PRD")]
     if len(days) < (last - first).days + 1:
         raise DataError(
