@@ -58,9 +58,9 @@ def factor(group: str, needed: np.ndarray, rate: float, floor_k: float, trials: 
         beyond = int(np.sum(falling > k))
         return Factor(group, k, n, beyond, upper_limit(beyond, n), rate, True)
     # the tail of the largest of an outage: rate = m exp(-k^2 / 2), with m from the floor
-    m = 0.003 * math.exp(0.5 * floor_k**2)
-    shown = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / n)
-    stretch = math.sqrt(math.log(m / rate) / math.log(m / shown)) if shown < 0.5 * m else math.inf
+    m = max(1.0, 0.003 * math.exp(0.5 * floor_k**2))
+    shown = min(0.5, 1.0 - (1.0 - CONFIDENCE) ** (1.0 / n))
+    stretch = math.sqrt(math.log(m / rate) / math.log(m / shown))
     k = max(_up(float(falling[0]) * stretch), 1.0)
     return Factor(group, k, n, int(np.sum(falling > k)), upper_limit(0, n), rate, False)
 

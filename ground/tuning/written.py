@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flightsw.icd.table_file import decode
 from flightsw.icd.table_saturation import saturation
 from flightsw.icd.table_schema import NAVIGATION
@@ -113,4 +115,6 @@ def _value(key: str, value: Any) -> str:
         return json.dumps(words[value])
     if isinstance(value, float) and value == int(value) and abs(value) < 1e6:
         return f"{value:.1f}"
+    if isinstance(value, float) and abs(value) >= 1e6:
+        return np.format_float_scientific(value, trim="-", exp_digits=1)
     return repr(value)
