@@ -50,7 +50,7 @@ def factor(group: str, needed: np.ndarray, rate: float, floor_k: float, trials: 
     n = len(needed) if trials is None else max(trials, len(needed))
     if not len(needed):
         return Factor(group, 1.0, 0, 0, 1.0, rate, False)
-    falling = np.sort(np.nan_to_num(needed, nan=np.inf))[::-1]
+    falling = np.sort(np.where(np.isnan(needed), np.inf, needed))[::-1]
     may_fail = allowed(n, rate)
     if may_fail >= 0:
         k = float(falling[may_fail]) if may_fail < len(falling) else 1.0
