@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ground.studies.fix_ratio import noise_for_ratio
 from ground.studies.measurement import Measured
 from ground.studies.outage import OutageRun, Spread
-from ground.tuning.paper import Result
+from ground.tuning.paper_result import Result
 
 REPRODUCED, QUALIFIED, CONTRADICTED = "REPRODUCED", "QUALIFIED", "CONTRADICTED"
 VERDICTS = (REPRODUCED, QUALIFIED, CONTRADICTED)

@@ -15,6 +15,7 @@ from ground.studies.orbit_limits import AccelerationCorrection, Coordinates, Dip
 from ground.studies.outage import OutageRun, Variant, fly_variant, variants
 from ground.tables.build import build_navigation
 from ground.tuning import paper
+from ground.tuning.paper_result import Result
 
 _WEAK = 1e12  # a pseudo-measurement that weighs nothing: (17) becomes (11)
 _J2_SIGMA_M = 33.0
@@ -43,7 +44,7 @@ class Measured:
     plain: list[OutageRun]
     j2_paper_orbit: list[OutageRun]
     j2_outage: list[OutageRun]
-    tuning: paper.Result  # 1 m fixes
+    tuning: Result  # 1 m fixes
     ratios: list[Ratio]
     ratio_rk4: Ratio
     ratio_j2_421_km: Ratio

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,51 +16,16 @@ from flightsw.icd.table_file import decode
 from ground.errors import OperatorError
 from ground.tables.build import build_navigation
 from ground.tuning import paper_report
-from ground.tuning.descent import Found
 from ground.tuning.method import Bar, Effort, Tuned
-from ground.tuning.outages import Flown, Plan, fly
+from ground.tuning.outages import Plan, fly
+from ground.tuning.paper_result import TABLE_1, Common, Result, Single
 from ground.tuning.paper_search import Problem, margin_of, refusals, solve
 from ground.tuning.recursion import PARAMETERS
 
 PHASES, QUICK_PHASES = 64, 16
 FREQUENCY = 0.003  # of epochs at which the statistical variant may break (22): the paper's 0.997
 SIGMAS_M = (1.0, 33.0)  # of the fixes, with 1 m/s: those that the ledger flies
-TABLE_1 = np.array([500.0, 0.05, 1e-6, 1000.0, 22.0])  # the paper's autonomous row
 _HELD_OUT = 1_000_003  # added to the seed
-
-
-class Single(NamedTuple):
-    """One outage solved: T [s], the row, when its bound crosses eps [s], epochs at which it is broken before T."""
-
-    phase_deg: float
-    t_s: float
-    found: Found
-    flag_s: float
-    broken: int
-
-
-class Common(NamedTuple):
-    """One row for many start phases. T_flag / T (L,), NaN where the error never reached eps; worst error / bound before
-    T (L,), of the phases tuned on and of the others."""
-
-    found: Found
-    margin: float
-    share: np.ndarray
-    worst: np.ndarray
-    share_unseen: np.ndarray
-    worst_unseen: np.ndarray
-
-
-class Result(NamedTuple):
-    """All that was found with fixes of one quality."""
-
-    sigma_m: float
-    flown: Flown
-    problem: Problem
-    exact: Single
-    statistical: Single
-    common: Common
-    table_1: list[str]  # what the saturation linter says of Table 1
 
 
 class Paper:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ground.reports import style
 from ground.tuning.method import table
+from ground.tuning.paper_result import TABLE_1, Result, Single
 from ground.tuning.recursion import trace
 
-if TYPE_CHECKING:
-    from ground.tuning.paper import Result, Single
-
-_TABLE_1 = (500.0, 0.05, 1e-6, 1000.0, 22.0)
 _HEAD = ["row for (17)", "q_R [m2]", "q_V [m2/s2]", "q_A [m2/s4]", "s_R [m]", "s_V [m/s]"]
 
 
@@ -28,7 +24,7 @@ def lines(results: list[Result]) -> list[str]:
         found += table(
             _HEAD,
             [
-                _row("Table 1 of the paper, autonomous", _TABLE_1),
+                _row("Table 1 of the paper, autonomous", TABLE_1),
                 _row(f"exact, one outage (phase {exact.phase_deg:.0f} deg)", exact.found.row),
                 _row("by frequency 0.997, the same outage", one.statistical.found.row),
                 _row(f"**one row for {len(common.worst)} start phases**", common.found.row),
@@ -98,7 +94,7 @@ def _figure_5(one: Result) -> Figure:
     for k, colour in enumerate(style.AXIS_COLOURS):
         axes.plot(t, one.flown.error_xyz_m[:, lane, k], color=colour, lw=1.2, label=f"error {style.AXIS_NAMES[k]}")
     for row, colour, label in (
-        (np.array(_TABLE_1), style.GREY, "bound, Table 1: settles"),
+        (TABLE_1, style.GREY, "bound, Table 1: settles"),
         (one.exact.found.row, style.BOUND, "bound, exact"),
         (one.common.found.row, style.FLAG, "bound, one row for all phases"),
     ):

@@ -17,11 +17,12 @@ from ground.tuning import paper, paper_search, written
 from ground.tuning.descent import Trial, admissible_start, descend
 from ground.tuning.method import Effort, Tuned
 from ground.tuning.outages import Plan, fly
+from ground.tuning.paper_result import TABLE_1
 from ground.tuning.recursion import PARAMETERS, Outages, carry, trace
 from ground.tuning.settling import settled_m
 
 ROW = np.array([104.0, 1.57e-3, 5.67e-8, 4.97e4, 45.2])
-TABLE_1 = {f"tuning.0.bound_{name}": value for name, value in zip(PARAMETERS, paper.TABLE_1.tolist(), strict=True)}
+TABLE_1_KEYS = {f"tuning.0.bound_{name}": value for name, value in zip(PARAMETERS, TABLE_1.tolist(), strict=True)}
 
 
 @contextmanager
@@ -109,7 +110,7 @@ def test_the_recursion_is_what_flight_publishes(tmp_path: Path) -> None:
 def test_a_bound_settles_where_the_linter_says() -> None:
     """GIVEN Table 1 WHEN its fixed point is found by doubling THEN it is the linter's 495 m, which steps to it."""
     (reason,) = saturation(decode(build_navigation("paper_table1")).values)
-    assert settled_m(paper.TABLE_1, 1.0, False, 3.0) == pytest.approx(495.0, abs=0.5)
+    assert settled_m(TABLE_1, 1.0, False, 3.0) == pytest.approx(495.0, abs=0.5)
     assert "the bound settles at 495 m" in reason
     assert settled_m(ROW, 1.0, False, 3.0) > 4000.0
 
@@ -169,13 +170,13 @@ def test_one_outage_is_solved_exactly_and_the_row_flies(tmp_path: Path) -> None:
 def test_no_set_is_written_that_flight_would_refuse(tmp_path: Path) -> None:
     """GIVEN a tuning that comes to Table 1's autonomous row WHEN written THEN refused with the linter's reason, and the
     folder stays empty."""
-    tuned = Tuned(TABLE_1, "", {}, [])
+    tuned = Tuned(TABLE_1_KEYS, "", {}, [])
     with pytest.raises(OperatorError, match=r"settles at 495 m.*no set is written"):
         written.write(tmp_path, "paper", "paper", Effort(), tuned)
     assert list(tmp_path.iterdir()) == []
     values = decode(build_navigation("paper")).values
     assert paper_search.refusals(values, 0, ROW) == []
-    assert "settles at 495 m" in paper_search.refusals(values, 1, paper.TABLE_1)[0]
+    assert "settles at 495 m" in paper_search.refusals(values, 1, TABLE_1)[0]
 
 
 def test_sets_of_another_filter_are_refused(tmp_path: Path) -> None:
