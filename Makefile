@@ -112,7 +112,8 @@ kill: setup  ## kill -9 while tables are written and activated, 200 times: a boo
 
 .PHONY: tune
 # What was flown is kept: the same command goes on where it was stopped. Full campaigns: python -m ground tune --help.
-tune: setup  ## a quick tuning of a few minutes; prints how to fly the set that comes of it
+tune: setup  ## a quick tuning by both methods, minutes; prints how to fly the sets that come of it
+	@$(PY) -m ground tune --method paper --quick --out runs/tune/paper
 	@$(PY) -m ground tune --method overbound --quick --out runs/tune/overbound
 
 .PHONY: accuracy

@@ -42,13 +42,13 @@ def allowed(trials: int, rate: float) -> int:
 
 
 def factor(group: str, needed: np.ndarray, rate: float, floor_k: float, trials: int | None = None) -> Factor:
-    """k for outages that needed so much (n,). trials: of which `needed` are the largest, if not as many.
+    """k for outages that needed so much (n,). trials: what the rate is of, if not outages (revolutions).
 
     floor_k: that breaks 0.003 of outages under a perfectly known covariance; carries k on where n is too small.
     Infinite where outages beyond any k are more than may be.
     """
-    n = len(needed) if trials is None else max(trials, len(needed))
-    if not len(needed):
+    n = len(needed) if trials is None else trials
+    if not len(needed) or n < 1:
         return Factor(group, 1.0, 0, 0, 1.0, rate, False)
     falling = np.sort(np.where(np.isnan(needed), np.inf, needed))[::-1]
     may_fail = allowed(n, rate)

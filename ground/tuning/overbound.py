@@ -28,7 +28,7 @@ from ground.tuning.factors import Factor, factor
 from ground.tuning.method import Bar, Effort, Tuned
 from ground.tuning.shape import NOISES, Shape, better, shape
 
-USUAL_RUNS, QUICK_RUNS = 1200, 96
+USUAL_RUNS, QUICK_RUNS = 1200, 1008
 SEARCH_SHARE = 0.2  # of the runs, on which process noise is tried
 SEARCH_FACTORS = (2.0, 0.5)
 K_HIGHEST = 10.0  # of the schema
@@ -52,7 +52,7 @@ class Overbound:
             noise, tried = self._noise(campaign, values, max(round(SEARCH_SHARE * runs), len(CELLS)))
         figures = campaign.fly("flying outages", noise, runs)
         factors = fit(figures, ensemble, float(values["k_axis"]), float(values["k_radius"]))
-        k_axis, k_radius = (max(one.k for one in group if one.outages) for group in factors)
+        k_axis, k_radius = (chosen(group) for group in factors)
         for name, k in (("k_axis", k_axis), ("k_radius", k_radius)):
             if not k <= K_HIGHEST:
                 raise OperatorError(
@@ -60,7 +60,7 @@ class Overbound:
                     "the covariance is wrong, which no factor mends; raise the process noise of the base set"
                 )
         changes = {**noise, "bound.k_axis": round(k_axis, 2), "bound.k_radius": round(k_radius, 2)}
-        proven = all(one.proven for one in factors[0] if one.rate == POOLED_LIMIT)
+        proven = factors[0][0].proven and factors[1][0].proven
         summary = (
             f"k_axis = {k_axis:.2f}, k_radius = {k_radius:.2f} from {runs} outages of {ensemble.outage_s[1]:.0f} s"
             + ("" if proven else "; too few to prove 0.003 for each outage: carried on from the largest")
@@ -138,10 +138,13 @@ def fit(figures: Arrays, ensemble: Ensemble, k_axis: float, k_radius: float) -> 
     integrated = k_axis * figures["integrated_ratio"]
     integrated = integrated[~np.isnan(integrated)]
     orbits = int(figures["orbits"].sum())
-    one = factor("INTEGRATED, each revolution", integrated, POOLED_LIMIT, lowest_k, max(orbits, len(integrated)))
-    if one.proven:
-        found[0].append(one)
+    found[0].append(factor("INTEGRATED, each revolution", integrated, POOLED_LIMIT, lowest_k, orbits))
     return found
+
+
+def chosen(factors: list[Factor]) -> float:
+    """The largest k of all outages, the first, and of the groups that prove theirs; carried on, the first alone."""
+    return max(one.k for index, one in enumerate(factors) if index == 0 or one.proven)
 
 
 @lru_cache(maxsize=4)

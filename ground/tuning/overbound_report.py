@@ -43,7 +43,7 @@ def lines(told: Told) -> list[str]:
     for name, group in zip(("per axis", "in space"), told.factors, strict=True):
         found += [f"### {name}", ""]
         head = ["outages of", "count", "rate", "k", "would break", "limit at 95 %", ""]
-        found += table(head, [_row(one) for one in group])
+        found += table(head, [_row(one, index == 0) for index, one in enumerate(group)])
         found.append("")
     bins = [b for b in AGE_BINS_S if b[0] < told.ensemble.outage_s[1]]
     words = [f"{low}-{high // 10 * 10} s" for low, high in bins]
@@ -76,8 +76,9 @@ def drawings(told: Told) -> tuple[tuple[str, Callable[[], Figure]], ...]:
     return ("1_needed.png", lambda: _needed(told)), ("2_shape.png", lambda: _by_age(told))
 
 
-def _row(one: Factor) -> list[str]:
-    how = "proven" if one.proven else "too few: carried on from the largest"
+def _row(one: Factor, pooled: bool) -> list[str]:
+    few = "too few: carried on from the largest" if pooled else "too few to prove the rate: not used"
+    how = "proven" if one.proven else few
     return [
         one.group, str(one.outages), f"{one.rate:g}", f"{one.k:.2f}", str(one.beyond), f"{one.upper_limit_95:.4f}", how
     ]  # fmt: skip

@@ -91,8 +91,8 @@ def set_text(base: Mapping[str, Any], name: str, method: str, effort: Effort, tu
     order = tuple(dict.fromkeys(field.group for field in NAVIGATION.fields))
     for section in order:
         if section == "tuning":
-            for index, row in enumerate(rows):
-                found += ["", "[[tuning]]", *_lines(row, f"tuning.{index}", notes)]
+            for number, row in enumerate(rows):
+                found += ["", "[[tuning]]", *_lines(row, f"tuning.{number}", notes)]
         elif section in sections:
             found += ["", f"[{section}]", *_lines(sections[section], section, notes)]
     return "\n".join(found) + "\n"

@@ -20,6 +20,7 @@ from ground.campaign.outage import ages_s
 from ground.campaign.statistics import upper_limit
 from ground.tables.build import build_navigation
 from ground.tuning.factors import allowed, factor
+from ground.tuning.overbound import chosen
 from ground.tuning.shape import better, shape
 
 
@@ -56,6 +57,15 @@ def test_few_outages_prove_nothing_and_k_is_carried_on() -> None:
         fits.append(one.k)
     assert np.mean(np.array(fits) > 3.5) > 0.9
     assert factor("all", np.array([1.0, np.inf] * 600), 0.003, 3.5).k == np.inf
+
+
+def test_what_too_few_revolutions_need_does_not_choose_k() -> None:
+    """GIVEN outages that prove 4 and 60 revolutions that needed 5 WHEN k is chosen THEN 4; with 1200 revolutions 5."""
+    outages = factor("all", np.full(1000, 4.0), 0.003, 3.5)
+    few, many = (factor("INTEGRATED", np.full(1000, 5.0), 0.003, 3.5, orbits) for orbits in (60, 1200))
+    assert (few.proven, many.proven) == (False, True)
+    assert chosen([outages, few]) == pytest.approx(4.0)
+    assert chosen([outages, many]) == pytest.approx(5.0)
 
 
 def figures(drag_error: float, runs: int = 240) -> dict[str, np.ndarray]:
