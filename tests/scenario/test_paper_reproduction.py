@@ -16,7 +16,7 @@ from ground.studies.measurement import Effort, Measured, measure
 from ground.studies.outage import OutageRun
 
 RUNS = 20
-EFFORT = Effort(runs=RUNS, fresh_runs=2, side_runs=3, sigmas_m=(33.0, 100.0), thin=True, tuning_phases=16)
+EFFORT = Effort(runs=RUNS, fresh_runs=2, side_runs=3, sigmas_m=(33.0, 100.0), thin=True)
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,8 @@ def test_table_1_saturates_and_is_a_fault_of_the_table(measured: Measured) -> No
 
 def test_the_descent_of_the_paper_finds_an_exact_solution(measured: Measured) -> None:
     """GIVEN one outage of the paper's model WHEN (18) to (23) are solved THEN the bound is 2000 m at T to 1 %, (22) is
-    broken at no epoch before, and the row is none that settles; one row for sixteen phases holds on all of them, and on
-    sixteen that it was not made from, with other noise."""
+    broken at no epoch before, and the row is none that settles; one row for 64 phases holds on all of them, and on 64
+    that it was not made from, with other noise."""
     exact, common = measured.tuning.exact, measured.tuning.common
     assert exact.found.trial.at_t_m == pytest.approx(2000.0, rel=0.01)
     assert exact.broken == 0
