@@ -126,6 +126,10 @@ console: setup  ## replay a recorded run (RUN=runs/nominal) on the console, 60 t
 	@test -f $(RUN)/link.tlog || { echo "console: no $(RUN)/link.tlog; fly one with make sil, or name it: RUN=DIR"; exit 1; }
 	@$(PY) -m ground console --tlog $(RUN)/link.tlog --speed 60
 
+.PHONY: demo
+demo: setup  ## world, CAN bus, flight and console in real time (SPEED=1, SCENARIO=demo); ctrl-C or q ends all
+	@$(PY) -m hil_sim demo $(or $(SCENARIO),demo) --speed $(or $(SPEED),1)
+
 .PHONY: clean
 clean:  ## remove build products and caches; .venv and runs/ stay
 	@rm -rf build dist leonav.egg-info .pytest_cache .hypothesis .ruff_cache .mypy_cache .coverage htmlcov

@@ -1,4 +1,4 @@
-"""`flightsw run | replay`: arguments and exit codes. 0 done, 1 the run failed, 2 refused."""
+"""`flightsw run | replay`: arguments and exit codes. 0 done, 1 the run failed, 2 refused, 3 start again."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     from flightsw import onboard
     from flightsw.app import Checkpoints, PreflightFailed
+    from flightsw.link_open import LinkOptions
 
+    link = LinkOptions(tuple(options.link), options.link_key, options.link_state, options.bench)
     checkpoints = Checkpoints(options.checkpoint, options.checkpoint_period) if options.checkpoint else None
     try:
         return onboard.run(
             options.can,
             options.tables,
-            options.link,
+            link,
             options.out,
             options.ticks,
             checkpoints,
@@ -38,6 +40,7 @@ def _run(options: argparse.Namespace) -> int:
             options.allow_saturating,
             options.table_store,
             options.require_certificate,
+            options.shared_clock,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -55,12 +58,14 @@ def _replay(options: argparse.Namespace) -> int:
         if differences and not options.force:
             print("flightsw: refused; --force replays all the same", file=sys.stderr)
             return EXIT_REFUSED
+        two_way = replay.is_two_way(replay.record_of(options.run_dir))
         outcome = replay.replay(options.run_dir, options.out or options.run_dir / "replay")
     except (PreflightFailed, replay.ReplayRefused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
         return EXIT_REFUSED
     for name, offset in (("can.log", outcome.can_differs_at), ("link.tlog", outcome.link_differs_at)):
-        print(f"{name:<10} {'identical' if offset is None else f'differs from byte {offset}'}")
+        same = "not compared: the ground could speak" if name == "link.tlog" and two_way else "identical"
+        print(f"{name:<10} {same if offset is None else f'differs from byte {offset}'}")
     print(f"{outcome.ticks} ticks replayed: {'IDENTICAL' if outcome.identical else 'DIFFERENT'}")
     return 0 if outcome.identical else EXIT_DIFFERENT
 
@@ -88,7 +93,23 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="fly in real time on a CAN bus")
     run.add_argument("--can", required=True, metavar="INTERFACE:CHANNEL", help="python-can bus, e.g. socketcan:can0")
     run.add_argument("--tables", required=True, type=Path, metavar="DIR", help="folder with the binary tables")
-    run.add_argument("--link", metavar="udp:HOST:PORT", help="where MAVLink goes; none without")
+    run.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="an end of the ground link, any number: udp:HOST:PORT sends there and listens for answers, "
+        "udpin:[HOST:]PORT and tcpin:[HOST:]PORT listen (127.0.0.1 unless named), serial:DEVICE:BAUD",
+    )
+    run.add_argument(
+        "--link-key", type=Path, metavar="FILE", help="sign what is sent, obey what is signed; see `ground link key`"
+    )
+    run.add_argument(
+        "--link-state", type=Path, metavar="DIR", help="parameters, uploads and what commands came before a restart"
+    )
+    run.add_argument(
+        "--bench", action="store_true", help="take unsigned commands, on loopback only, for clients that cannot sign"
+    )
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs, ready to be replayed; none without")
     run.add_argument("--ticks", type=_count, metavar="N", help="stop after so many ticks")
     run.add_argument("--checkpoint", type=Path, metavar="FILE", help="keep the state here for a warm restart")
@@ -115,6 +136,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--require-certificate", action="store_true", help="publish the state of an uncertified table as not valid"
+    )
+    run.add_argument(
+        "--shared-clock",
+        type=Path,
+        metavar="FILE",
+        help="when ready, wait for this file and run by the clock of the simulated world that wrote it",
     )
     run.set_defaults(action=_run)
 

@@ -72,6 +72,31 @@ class PacedClock(LockstepClock):
         super().wait_until(counter_ns)
 
 
+class SharedClock:
+    """A counter that other processes of this machine read too: `speed` times as fast as its monotonic clock.
+
+    It reads counter_ns where the monotonic clock reads monotonic_ns.
+    """
+
+    __slots__ = ("_counter_ns", "_monotonic_ns", "_speed")
+    lockstep = False
+
+    def __init__(self, monotonic_ns: int, counter_ns: int, speed: float) -> None:
+        if not speed > 0.0:
+            raise ValueError(f"speed {speed} is not positive")
+        self._monotonic_ns = monotonic_ns
+        self._counter_ns = counter_ns
+        self._speed = speed
+
+    def counter_ns(self) -> int:
+        return self._counter_ns + int((time.monotonic_ns() - self._monotonic_ns) * self._speed)
+
+    def wait_until(self, counter_ns: int) -> None:
+        remaining_ns = (counter_ns - self.counter_ns()) / self._speed
+        if remaining_ns > 0:
+            time.sleep(remaining_ns * 1e-9)
+
+
 class RealTimeClock:
     """The machine's monotonic clock, started at a reading."""
 

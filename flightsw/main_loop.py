@@ -1,6 +1,6 @@
 """The loop: one tick, top to bottom.
 
-    drain the bus -> assemble epochs -> navigate -> publish -> alert -> telemetry -> mark the tick
+    take orders -> drain the bus -> assemble epochs -> navigate -> publish -> alert -> telemetry -> mark the tick
 
 Everything else (writing logs, reopening a bus) is slack: it runs after the tick, while there is time.
 """
@@ -8,6 +8,7 @@ Everything else (writing logs, reopening a bus) is slack: it runs after the tick
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -17,15 +18,20 @@ from flightsw.clock import Clock
 from flightsw.events import EventRing
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.certificate import open_certificate
-from flightsw.icd.enums import REJECT_CAUSES, Certificate, RejectCause, Validity, Verdict
+from flightsw.icd.enums import REJECT_CAUSES, Certificate, FlagState, RejectCause, Validity, Verdict
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
 from flightsw.integrity.time_to_flag import look_ahead
 from flightsw.journal import BUS_LOST, BUS_REOPENED, TABLE_SWAPPED, Journal
+from flightsw.link.access import Access
+from flightsw.link.downlink import Downlink, Prediction
+from flightsw.link.ground_link import GroundLink
 from flightsw.link.mavlink_out import MavlinkOut, Sink
 from flightsw.link.telemetry import Telemetry
+from flightsw.link.uplink import Port
 from flightsw.memory import Memory
 from flightsw.nav.step import step
+from flightsw.orders import Orders
 from flightsw.publishing import Publisher
 from flightsw.records import OUTPUT
 from flightsw.records_io import RecordReader
@@ -35,6 +41,7 @@ from flightsw.sensing.epoch_assembly import EpochAssembly
 from flightsw.tables.service import TableService
 
 _BUS_ERROR = int(RejectCause.BUS_ERROR)
+_DISARMED_BIT = 1 << int(AlertId.FLAG_DISARMED)
 _BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
 _TRUSTING = (int(Verdict.TRUSTED), int(Verdict.TRUSTED_COASTING))
 _SLIP_BIT = 1 << int(AlertId.TICK_SLIP)
@@ -71,43 +78,54 @@ class MainLoop:
         self.out = self.out_reader.read()
         self.rejected = [0] * REJECT_CAUSES
         self._rejected_nav = memory.nav["rejected"][0]
-        self._fix_input = memory.input
+        self.fix_input = memory.input
         self._fix_output = np.zeros(1, OUTPUT)
         self._fix_reader = RecordReader(self._fix_output)
         self._ahead_reader = RecordReader(memory.ahead)
-        self._alerts = 0
+        self.alerts = 0
         self._happened = 0
         self._slipped = False
         self._noted = 0  # alerts of what happens between ticks, told with the next one
         self.tables: TableService | None = None
+        self.ground: GroundLink | None = None
+        self.armed = True  # a raised flag withdraws the state
+        self.restart = False  # the ground wants flight to end and be started again
+        self.prediction = Prediction()
         self.require_certificate = False  # an uncertified table's state is then offered to nobody
-        self._verdict, self._validity = int(Verdict.NOT_READY), 0
+        self.verdict, self.validity = int(Verdict.NOT_READY), 0
         table = memory.table[0]
         self.period_ns = int(table["tick_period_ns"])
         self._ahead_steps = int(table["ahead_steps"])
         self._assembly = EpochAssembly(self.rejected)
+        self.orders = Orders(self, self._assembly)
         self.receiver = CanReceiver(port, journal, self._assembly, self.rejected)
         self.receiver.drain_limit = int(table["drain_frames_max"])
         port.tell = self._note_bus
         self.link = MavlinkOut(sink, journal, self.unix_ns)
         schema = SCHEMAS[navigation.kind]
-        self._kind = schema.number
         self.telemetry = Telemetry(
             self.link, self.out_reader, navigation.crc32, schema.hash, navigation.set_name.encode(), self.certificate
         )
+        rates = ("nav_state", "status", "counters", "table_status")
+        self.downlink = Downlink(
+            self.telemetry,
+            self,
+            {name.partition("_")[0]: int(table[f"rate_{name}_ticks"]) for name in rates},
+            schema.number,
+            self.period_ns,
+        )
         self.publisher = Publisher(port, journal, self.out_reader)
-        self.events = EventRing(self.telemetry.alert)
+        self.events = EventRing(self._announce)
         self.schedule = Schedule(
             [
                 Member("receive", 1, 200.0, self._receive),
+                Member("orders", 1, 500.0, self._take_orders),
                 Member("navigate", 1, 100.0, self._navigate),
                 Member("publish", 1, 100.0, self._publish),
                 Member("alert", 1, 100.0, self._alert),
-                Member("telemetry_state", int(table["rate_nav_state_ticks"]), 100.0, self._telemetry_state),
-                Member("telemetry_status", int(table["rate_status_ticks"]), 200.0, self._telemetry_status),
-                Member("telemetry_counters", int(table["rate_counters_ticks"]), 100.0, self._telemetry_counters),
-                Member("telemetry_table", int(table["rate_table_status_ticks"]), 100.0, self._telemetry_table),
                 Member("time_to_flag", int(table["rate_status_ticks"]), 100.0, self._time_to_flag),
+                Member("telemetry", 1, 500.0, self.downlink.run),
+                Member("answer", 1, 500.0, self._answer),
                 Member("mark", 1, 50.0, self._mark),
             ],
             [
@@ -123,6 +141,10 @@ class MainLoop:
     def _receive(self) -> None:
         self._assembly.begin(self.counter_ns)
         self.receiver.drain(self.unix_ns())
+
+    def _take_orders(self) -> None:
+        if self.ground is not None:
+            self.ground.receive()
 
     def _navigate(self) -> None:
         memory, assembly = self.memory, self._assembly
@@ -144,7 +166,7 @@ class MainLoop:
             at = self.out_reader.at
             self._happened |= int(out[at["events"]])
             if out[at["fix_seen"]]:
-                self._fix_input[:] = call
+                self.fix_input[:] = call
                 self._fix_output[:] = memory.output
         if self.resume is not None and self.resume.pending and memory.nav["clock_valid"][0]:
             self.resume.settle(memory.nav, int(self.out[self.out_reader.at["t_gps_ns"]]))
@@ -156,10 +178,12 @@ class MainLoop:
             alerts |= _UNCERTIFIED_BIT
         if self.port.is_off:
             alerts |= _BUS_OFF_BIT
-        self._alerts = alerts
-        self._verdict, self._validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
+        if not self.armed:
+            alerts |= _DISARMED_BIT
+        self.alerts = alerts
+        self.verdict, self.validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
         nis = self._fix_output["nis"][0]
-        self.publisher.state(self.unix_ns(), out, nis, alerts, self.certificate, self._verdict, self._validity)
+        self.publisher.state(self.unix_ns(), out, nis, alerts, self.certificate, self.verdict, self.validity)
 
     def _judge(self, verdict: int, validity: int) -> tuple[int, int]:
         """Verdict and validity as they are published: the step's, which knows no table without a certificate.
@@ -170,6 +194,11 @@ class MainLoop:
             verdict = int(Verdict.NOT_CERTIFIED)
             if self.require_certificate:
                 validity &= ~int(Validity.STATE_VALID)
+        if not self.armed:  # nobody guards the state: it is offered, but never called trusted
+            if verdict in _TRUSTING:
+                verdict = int(Verdict.NOT_CERTIFIED)
+            if self.out[self.out_reader.at["flag"]] == FlagState.RAISED and validity & Validity.INITIALISED:
+                validity |= int(Validity.STATE_VALID)
         return verdict, validity
 
     def _alert(self) -> None:
@@ -179,34 +208,16 @@ class MainLoop:
         self._happened |= self._noted
         self._noted = 0
         out, at = self.out, self.out_reader.at
-        self.events.note(int(out[at["t_gps_ns"]]), self._happened, self._alerts, out[at["bound_m"]])
+        self.events.note(int(out[at["t_gps_ns"]]), self._happened, self.alerts, out[at["bound_m"]])
 
-    def _telemetry_state(self) -> None:
-        self.telemetry.state(self.out, self._alerts, self._verdict, self._validity)
+    def _announce(self, sequence: int, t_gps_ns: int, alert_id: int, active: int, value: float) -> None:
+        self.telemetry.alert(sequence, t_gps_ns, alert_id, active, value)
+        if self.ground is not None:
+            self.ground.alerts.note(sequence, t_gps_ns, alert_id, active, value)
 
-    def _telemetry_status(self) -> None:
-        self.telemetry.status(
-            self.out,
-            self._fix_reader.read(),
-            self._fix_input,
-            self.unix_ns(),
-            self.counter_ns - self.counter_start_ns,
-            self.rejections(),
-        )
-        self.telemetry.covariance(self.out)
-
-    def _telemetry_counters(self) -> None:
-        self.telemetry.counters(
-            self.tick,
-            self.receiver.received,
-            self.receiver.accepted,
-            self.slips,
-            self.journal.dropped,
-            self.rejected_by_cause(),
-        )
-
-    def _telemetry_table(self) -> None:
-        self.telemetry.table_status(self._kind)
+    def _answer(self) -> None:
+        if self.ground is not None:
+            self.ground.answer()
 
     def _time_to_flag(self) -> None:
         ahead, at = self._ahead_reader.read(), self._ahead_reader.at
@@ -221,7 +232,7 @@ class MainLoop:
         governing = int(ahead[at["governing"]])
         lost = 1 if out[place["outage_age_s"]] > 0.0 else 0
         self.publisher.time_to_flag(self.unix_ns(), t_gps_ns, left_s, age_s, governing, lost)
-        self.telemetry.time_to_flag(t_gps_ns, left_s, age_s, governing, lost)
+        self.prediction = Prediction(t_gps_ns, left_s, age_s, governing, lost)
 
     # -- in the slack
 
@@ -279,6 +290,27 @@ class MainLoop:
         self.checkpoints = writer
         self.schedule.add_slack(Member("checkpoint", 1, 2000.0, writer.write_slice))
 
+    def fix(self) -> tuple[float, ...]:
+        """The output record of the step that took the last fix."""
+        return self._fix_reader.read()
+
+    def listen(self, port: Port, access: Access, folder: Path | None, log: Path | None = None) -> None:
+        """Take orders from the ground from now on. folder: of parameters and uploads. log: what it may read."""
+        self.ground = GroundLink(
+            port,
+            access,
+            self.link,
+            self.telemetry,
+            self.downlink,
+            self.events,
+            self.orders,
+            self.memory.table,
+            self.out_reader.at["mode"],
+            folder,
+            log,
+        )
+        self.schedule.add_slack(Member("ground_link", 1, 5000.0, self.ground.work_slice))
+
     # -- tables
 
     def keep_tables(self, service: TableService) -> None:
@@ -328,7 +360,7 @@ class MainLoop:
         """Tick at fixed steps of the counter from now on. A late tick is counted as a slip, never caught up."""
         deadline_ns = self.clock.counter_ns()
         last = None if ticks is None else self.tick + ticks
-        while last is None or self.tick < last:
+        while (last is None or self.tick < last) and not self.restart:
             self.clock.wait_until(deadline_ns)
             self.run_tick()
             deadline_ns += self.period_ns

@@ -6,6 +6,7 @@ import json
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,20 @@ import can
 from flightsw import app, realtime
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, Resume
-from flightsw.clock import RealTimeClock
+from flightsw.clock import RealTimeClock, SharedClock
 from flightsw.icd.table_file import TableImage, TableRefused, encode
 from flightsw.journal import Journal
 from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Nowhere, Sink
+from flightsw.link_open import LinkOptions, LinkRefused, OpenedLink, open_ground_link
+from flightsw.main_loop import MainLoop
 from flightsw.provenance import identity
 from flightsw.tables.service import TableService
 from flightsw.tables.store import SLOTS, Booted, TableStore
 from flightsw.tables.validate import Policy, accept_at_start
+
+_POLL_S = 0.02
+RESTART = 3  # exit status: start flight again
 
 
 class Refused(ValueError):
@@ -75,9 +81,24 @@ def open_port(text: str) -> CanPort:
     if not colon or not channel:
         raise Refused(f"--can {text}: write it as INTERFACE:CHANNEL, for example socketcan:can0")
     try:
+        if interface == "remote":
+            return CanPort(_remote(channel))
         return CanPort(lambda: can.Bus(interface=interface, channel=channel, fd=True))
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise Refused(f"--can {text}: cannot be opened: {error}") from error
+
+
+def _remote(channel: str) -> Callable[[], can.BusABC]:
+    """Opens the bus of a hub: with patience the first time, without any in flight."""
+    from flightsw.remote_bus import BoundedRemoteBus
+
+    first = [True]
+
+    def open_bus() -> can.BusABC:
+        patient, first[0] = first[0], False
+        return BoundedRemoteBus(channel, patient)
+
+    return open_bus
 
 
 def open_logs(
@@ -88,6 +109,7 @@ def open_logs(
     forces: app.ForceTables | None = None,
     resume: Resume | None = None,
     allow_saturating: bool = False,
+    two_way: bool = False,
 ) -> Journal:
     """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs."""
     if out is None:
@@ -103,7 +125,7 @@ def open_logs(
         if resume is not None:
             (out / app.RESUME_FILE).write_bytes(resume.image)
         flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
-        record = {"lockstep": False, **flight}
+        record = {"lockstep": False, "two_way_link": two_way, **flight}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out)
     except OSError as error:
@@ -117,7 +139,7 @@ def _encodable(table: TableImage) -> tuple[Any, ...]:
 def run(
     can_bus: str,
     tables: Path,
-    link: str | None,
+    link: LinkOptions,
     out: Path | None,
     ticks: int | None,
     checkpoints: app.Checkpoints | None = None,
@@ -127,11 +149,13 @@ def run(
     allow_saturating: bool = False,
     table_store: Path | None = None,
     require_certificate: bool = False,
+    shared_clock: Path | None = None,
 ) -> int:
-    """Fly until stopped, or for so many ticks. Returns the exit status.
+    """Fly until stopped, or for so many ticks. Returns the exit status, RESTART where the ground asked for one.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
     table_key: file of the key that must have signed the navigation table. allow_saturating: for a study.
+    shared_clock: file of the clock that a simulated world in another process keeps.
     """
     key = app.load_key(table_key) if table_key else None
     navigation, orientation = app.load_tables(tables, key, allow_saturating)
@@ -145,12 +169,19 @@ def run(
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
     resumed = _load_resume(resume, resume_max_age_s, navigation)
-    sink = open_link(link)
-    port = open_port(can_bus)
+    ground = _open_ground_link(link)
+    sink: Sink = ground.port if ground is not None else Nowhere()
     try:
-        journal = open_logs(out, tables, navigation, orientation, forces, resumed, allow_saturating)
+        port = open_port(can_bus)
+        try:
+            journal = open_logs(
+                out, tables, navigation, orientation, forces, resumed, allow_saturating, ground is not None
+            )
+        except Refused:
+            port.close()
+            raise
     except Refused:
-        port.close()
+        sink.close()
         raise
     loop = None
     try:
@@ -170,12 +201,16 @@ def run(
         loop.require_certificate = require_certificate
         for text in realtime.prepare():
             print(f"flightsw: {text}", file=sys.stderr)
+        if shared_clock is not None:
+            loop.clock = _await_clock(shared_clock)
         loop.anchor(time.time_ns())  # once more: compiling may have taken a minute
         if store is not None and booted is not None:
             record = loop.memory
             loop.keep_tables(
                 TableService(loop, record.nav, record.table, navigation, policy, store, booted.slot, table_store)
             )
+        if ground is not None:
+            _listen(loop, ground, link, out)
         loop.run(ticks)
     finally:
         if loop is not None and loop.checkpoints is not None:
@@ -186,7 +221,43 @@ def run(
     print(f"flightsw: {loop.tick} ticks, {loop.slips} slips")
     if loop.checkpoints is not None:
         print(f"flightsw: {loop.checkpoints.written} checkpoints written, {loop.checkpoints.failed} failed")
+    if loop.restart:
+        print("flightsw: ended to be started again, as the ground ordered")
+        return RESTART
     return 0
+
+
+def _await_clock(path: Path) -> SharedClock:
+    """The clock that a world in another process keeps, once its file is there."""
+    print("flightsw: ready", file=sys.stderr, flush=True)
+    while not path.exists():
+        time.sleep(_POLL_S)
+    try:
+        return SharedClock(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, TypeError, ValueError) as error:
+        raise Refused(f"--shared-clock {path}: not a clock ({error})") from error
+
+
+def _open_ground_link(options: LinkOptions) -> OpenedLink | None:
+    if not options.addresses:
+        return None
+    try:
+        return open_ground_link(options, time.time_ns())
+    except LinkRefused as error:
+        raise Refused(str(error)) from error
+
+
+def _listen(loop: MainLoop, opened: OpenedLink, options: LinkOptions, out: Path | None) -> None:
+    """Let the ground in; what it cannot have is said."""
+    loop.listen(opened.port, opened.access, options.state, out)
+    ground = loop.ground
+    assert ground is not None
+    for text in ground.parameters.told:
+        print(f"flightsw: {text}", file=sys.stderr)
+    if opened.keys is not None:
+        ground.jobs.append(opened.keys.work_slice)
+    if options.bench:
+        print("flightsw: BENCH PROFILE: unsigned commands are taken, from this machine", file=sys.stderr)
 
 
 def _boot(store: TableStore, first: bytes, policy: Policy) -> Booted:

@@ -23,7 +23,10 @@ from flightsw.clock import LockstepClock
 from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
 from flightsw.icd.table_file import TableImage
 from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, TABLE_SWAPPED, Journal
-from flightsw.link.mavlink_out import Nowhere
+from flightsw.link.access import Access
+from flightsw.link.mavlink_out import SYSTEM_ID, Nowhere
+from flightsw.link_port import LinkPort
+from flightsw.main_loop import MainLoop
 from flightsw.provenance import differences, identity
 
 _HEARTBEAT = struct.Struct(FLIGHT_HEARTBEAT.struct_format)
@@ -181,16 +184,55 @@ class Outcome(NamedTuple):
         return self.can_differs_at is None and self.link_differs_at is None
 
 
+def is_two_way(run: dict[str, Any]) -> bool:
+    """Whether the ground could speak in this run (its run.json).
+
+    Then link.tlog is not compared: signatures need the key, and refusals, which it tells, are not in the journal. What
+    the ground ordered is repeated all the same, so can.log must be the same.
+    """
+    return run.get("two_way_link") is True
+
+
+def read_orders(path: Path) -> dict[int, list[bytes]]:
+    """What the ground sent and flight took, by the log time [us] of the tick that took it: frames not of flight's."""
+    data, at = path.read_bytes(), 0
+    found: dict[int, list[bytes]] = {}
+    while at + 8 + 12 <= len(data):
+        length = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
+        frame = data[at + 8 : at + 8 + length]
+        if frame[5] != SYSTEM_ID:
+            found.setdefault(int.from_bytes(data[at : at + 8], "big"), []).append(frame)
+        at += 8 + length
+    return found
+
+
+class _OrdersOfTheRun:
+    """Stands where the uplink was: gives every tick the frames it took."""
+
+    def __init__(self, loop: MainLoop, frames: dict[int, list[bytes]]) -> None:
+        self._frames = frames
+        loop.listen(LinkPort([]), Access(tuple, None, loop.unix_start_ns), None)
+        assert loop.ground is not None
+        self._obey = loop.ground.uplink.obey
+        loop.ground.take_in = self.take_in
+
+    def take_in(self, unix_ns: int) -> None:
+        """Obey what this tick obeyed in the run."""
+        for frame in self._frames.get(unix_ns // 1000, ()):
+            self._obey(frame, unix_ns)
+
+
 def check_versions(run_dir: Path) -> list[str]:
     """What differs between the flight of the run and this one, in words; ReplayRefused if the folder is no run."""
-    run = _record(run_dir)
+    run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
     resume = _resume(run_dir, run, navigation)
     return differences(run, identity(navigation, orientation, *(forces or ()), resume=resume))
 
 
-def _record(run_dir: Path) -> dict[str, Any]:
+def record_of(run_dir: Path) -> dict[str, Any]:
+    """run.json of a run; ReplayRefused where there is none."""
     try:
         run = json.loads((run_dir / "run.json").read_text())
     except (OSError, ValueError) as error:
@@ -223,7 +265,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     for name in ("can.log", "link.tlog"):
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
-    run = _record(run_dir)
+    run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
     resume = _resume(run_dir, run, navigation)
@@ -236,6 +278,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
         raise ReplayRefused(f"--out {out_dir}: cannot be written ({error.strerror}); name another folder") from None
     bus = _JournalBus()
     loop = None
+    two_way = is_two_way(run)
     try:
         for tick in read_ticks(run_dir / "can.log"):
             if loop is None:
@@ -244,6 +287,8 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
                 loop = app.build(
                     navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, None, forces, resume
                 )
+                if two_way:
+                    _OrdersOfTheRun(loop, read_orders(run_dir / "link.tlog"))
             else:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened
@@ -262,7 +307,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     return Outcome(
         loop.tick,
         first_difference(run_dir / "can.log", out_dir / "can.log"),
-        first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
+        None if two_way else first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
     )
 
 

@@ -24,10 +24,12 @@ ROOMS: dict[str, tuple[str, str]] = {
     "stimulus": ("ground.campaign.stimulus_command", "make what flight replays before it trusts a certified table"),
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
+    "link": ("ground.console.link_command", "make a key with which flight and console sign what they send"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
     "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
     "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
     "tune": ("ground.tuning.command", "make a table set from flown errors, with the evidence"),
+    "crosslink": ("ground.crosslink.command", "study integrity by ranging between the satellites of a constellation"),
     "certify": ("ground.campaign.command", "fly a fresh ensemble of outages and say what it proves of a set's bound"),
     "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),
 }

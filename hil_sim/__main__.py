@@ -1,10 +1,11 @@
-"""`hil_sim list | keys | show | run`: arguments, exit codes, nothing else. 0 done, 1 the run failed, 2 refused."""
+"""`hil_sim list | keys | show | run | hub | world | demo`: arguments and exit codes. 0 done, 1 failed, 2 refused."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 EXIT_FAILED, EXIT_REFUSED = 1, 2
 MISSING_EXTRA = "is not installed; the simulator needs: pip install 'leonav[sim,ground]'"
@@ -71,6 +72,30 @@ def _run(options: argparse.Namespace) -> int:
     return int(sil.run(loaded, out_dir, options.link, options.speed) or 0)
 
 
+def _hub(options: argparse.Namespace) -> int:
+    from hil_sim import hub
+
+    return hub.serve(options.port, lambda port: print(f"hub: ready {port}", flush=True))
+
+
+def _world(options: argparse.Namespace) -> int:
+    from hil_sim import live, scenario
+
+    loaded = scenario.load(options.scenario, options.set)
+    bus = live.open_bus(options.can)
+    try:
+        return live.fly(loaded, bus, options.shared_clock, lambda c: print(f"world: ready {c}", flush=True))
+    finally:
+        bus.shutdown()
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from hil_sim import demo, scenario
+
+    loaded = scenario.load(options.scenario, options.set)
+    return demo.run(loaded, options.out, options.speed, options.plain, options.set)
+
+
 def _speed(text: str) -> float:
     try:
         speed = float(text)
@@ -83,17 +108,25 @@ def _speed(text: str) -> float:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="hil_sim", description="Flies a satellite against the flight software.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | keys | show | run")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="list | keys | show | run | hub | world | demo"
+    )
     listing = commands.add_parser("list", help="scenarios that ship")
     listing.set_defaults(action=_list)
     keys = commands.add_parser("keys", help="every key a scenario may hold, with default and meaning")
     keys.set_defaults(action=_keys)
+    hub = commands.add_parser("hub", help="a CAN bus between processes, on this machine's loopback")
+    hub.add_argument("--port", type=int, default=0, metavar="PORT", help="default: any that is free")
+    hub.set_defaults(action=_hub)
     for name, action, help_text in (
+        ("world", _world, "the world of a scenario in real time, on a bus"),
+        ("demo", _demo, "world, bus, flight and console as processes of their own, in real time"),
         ("show", _show, "every resolved key of a scenario and where its value comes from"),
         ("run", _run, "fly a scenario and leave its record in a folder"),
     ):
         command = commands.add_parser(name, help=help_text)
-        command.add_argument("scenario", help="name of a shipped scenario, or a TOML file")
+        words: dict[str, Any] = {"nargs": "?", "default": "demo"} if name == "demo" else {}
+        command.add_argument("scenario", help="name of a shipped scenario, or a TOML file", **words)
         command.add_argument(
             "--set",
             action="append",
@@ -101,6 +134,17 @@ def _parser() -> argparse.ArgumentParser:
             metavar="KEY=VALUE",
             help="override a key, for example gnss.sigma_position_m=33 or outage.0.duration_s=600",
         )
+        if name == "world":
+            command.add_argument("--can", required=True, metavar="INTERFACE:CHANNEL", help="e.g. socketcan:vcan0")
+            command.add_argument(
+                "--shared-clock", required=True, type=Path, metavar="FILE", help="start by the clock of this file"
+            )
+        if name == "demo":
+            command.add_argument(
+                "--out", type=Path, default=Path("runs/live"), metavar="DIR", help="where to write (default runs/live)"
+            )
+            command.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times real time (default 1)")
+            command.add_argument("--plain", action="store_true", help="the console prints lines; no terminal needed")
         if name == "run":
             command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO)")
             command.add_argument(

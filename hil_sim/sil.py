@@ -55,10 +55,10 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
 
     Raises SimulationError where scenario, tables or arguments do not allow the run.
     """
-    _prepare_folder(out_dir)
+    prepare_folder(out_dir)
     try:
         sink = open_link(link)
-        navigation, orientation, forces = _build_tables(loaded, out_dir / "tables")
+        navigation, orientation, forces = build_tables(loaded, out_dir / "tables")
     except (OperatorError, Refused, app.PreflightFailed) as error:
         raise ScenarioError(str(error)) from error
     console = Console(stderr=True)
@@ -110,7 +110,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
     return 0
 
 
-def _prepare_folder(out_dir: Path) -> None:
+def prepare_folder(out_dir: Path) -> None:
     """An empty folder for the run; ScenarioError where there can be none."""
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -129,7 +129,7 @@ def _clear(out_dir: Path) -> None:
         shutil.rmtree(out_dir / name, ignore_errors=True)
 
 
-def _build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, TableImage, app.ForceTables | None]:
+def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, TableImage, app.ForceTables | None]:
     """Build the tables into the run's folder and load them from there, as flight does anywhere else."""
     flight = loaded.scenario.flight
     start_ns = loaded.t_start_gps_ns

@@ -178,6 +178,11 @@ class World:
         self.frames_sent = stop
         return stop - first
 
+    def skip_before(self, k: int) -> None:
+        """Leave out frames that had arrived by tick k and were not sent."""
+        if k > 0:
+            self.frames_sent = max(self.frames_sent, self._due[k])
+
     @property
     def outages_gps_ns(self) -> np.ndarray:
         """Start and end of each outage in true GPS time, (k, 2) int64 [ns]."""

@@ -32,6 +32,7 @@ from flightsw.provenance import identity
 from flightsw.records import NAV, OUTPUT
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
+from ground.tables.forces import build_force_tables
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario
@@ -57,6 +58,11 @@ def load(*settings: str, name: str = "nominal") -> LoadedScenario:
 @lru_cache(maxsize=16)
 def _orientation(start_gps_ns: int, stop_gps_ns: int) -> TableImage:
     return decode(build_earth_orientation(start_gps_ns, stop_gps_ns, None))
+
+
+@lru_cache(maxsize=4)
+def _forces(start_gps_ns: int) -> app.ForceTables:
+    return app.ForceTables(*(decode(image) for image in build_force_tables(start_gps_ns)))
 
 
 def tables(loaded: LoadedScenario) -> tuple[TableImage, TableImage]:
@@ -111,6 +117,7 @@ class Flight:
             self.journal,
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
+            forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
         )
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload
@@ -181,15 +188,19 @@ class Flight:
         return np.abs(self.flown["r_gcrf_m"] - self.world.r_true_gcrf_m[: self.k]).max(axis=1)
 
 
+def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
+    """Make a folder with the two tables of a scenario."""
+    build, start = loaded.scenario.flight, loaded.t_start_gps_ns
+    folder.mkdir()
+    (folder / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
+    stop = start + round(loaded.scenario.time.duration_s * NS)
+    image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
+    (folder / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+
+
 def save_run(flight: Flight, folder: Path) -> Path:
     """Put beside the logs of a flight what a replay needs; returns the folder."""
-    build = flight.loaded.scenario.flight
-    (folder / "tables").mkdir()
-    (folder / "tables" / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
-    start = flight.loaded.t_start_gps_ns
-    stop = start + round(flight.loaded.scenario.time.duration_s * NS)
-    image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
-    (folder / "tables" / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    save_run_tables(flight.loaded, folder / "tables")
     (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation)))
     return folder
 

@@ -52,6 +52,8 @@ class AlertId(IntEnum):
     TABLE_ACTIVATED = 24
     TABLE_REFUSED = 25
     TABLE_ROLLED_BACK = 26
+    FLAG_DISARMED = 27
+    LINK_REFUSED = 28
 
 
 class Alert(NamedTuple):
@@ -90,6 +92,8 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.TABLE_ACTIVATED, Severity.NOTICE, "New navigation table active, on trial"),
         Alert(AlertId.TABLE_REFUSED, Severity.WARNING, "New navigation table refused: old one flies on"),
         Alert(AlertId.TABLE_ROLLED_BACK, Severity.ALERT, "New navigation table failed: old one flies again"),
+        Alert(AlertId.FLAG_DISARMED, Severity.WARNING, "Failure flag disarmed: state not guarded"),
+        Alert(AlertId.LINK_REFUSED, Severity.WARNING, "Commands refused: signature or address wrong"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

@@ -990,6 +990,244 @@ enums["MAV_COMPONENT"][250] = EnumEntry("MAV_COMP_ID_SYSTEM_CONTROL", """Depreca
 MAV_COMPONENT_ENUM_END = 251
 enums["MAV_COMPONENT"][251] = EnumEntry("MAV_COMPONENT_ENUM_END", """""")
 
+# MAV_RESULT
+enums["MAV_RESULT"] = Enum()
+enums["MAV_RESULT"].bitmask = False
+MAV_RESULT_ACCEPTED = 0
+enums["MAV_RESULT"][0] = EnumEntry("MAV_RESULT_ACCEPTED", """Command is valid (is supported and has valid parameters), and was executed.""")
+MAV_RESULT_TEMPORARILY_REJECTED = 1
+enums["MAV_RESULT"][1] = EnumEntry("MAV_RESULT_TEMPORARILY_REJECTED", """Command is valid, but cannot be executed at this time. This is used to indicate a problem that should be fixed just by waiting (e.g. a state machine is busy, can't arm because have not got GPS lock, etc.). Retrying later should work.""")
+MAV_RESULT_DENIED = 2
+enums["MAV_RESULT"][2] = EnumEntry("MAV_RESULT_DENIED", """Command is invalid; it is supported but one or more parameter values are invalid (i.e. parameter reserved, value allowed by spec but not supported by flight stack, and so on). Retrying the same command and parameters will not work.""")
+MAV_RESULT_UNSUPPORTED = 3
+enums["MAV_RESULT"][3] = EnumEntry("MAV_RESULT_UNSUPPORTED", """Command is not supported (unknown).""")
+MAV_RESULT_FAILED = 4
+enums["MAV_RESULT"][4] = EnumEntry("MAV_RESULT_FAILED", """Command is valid, but execution has failed. This is used to indicate any non-temporary or unexpected problem, i.e. any problem that must be fixed before the command can succeed/be retried. For example, attempting to write a file when out of memory, attempting to arm when sensors are not calibrated, etc.""")
+MAV_RESULT_IN_PROGRESS = 5
+enums["MAV_RESULT"][5] = EnumEntry("MAV_RESULT_IN_PROGRESS", """Command is valid and is being executed. This will be followed by further progress updates, i.e. the component may send further COMMAND_ACK messages with result MAV_RESULT_IN_PROGRESS (at a rate decided by the implementation), and must terminate by sending a COMMAND_ACK message with final result of the operation. The COMMAND_ACK.progress field can be used to indicate the progress of the operation. There is no need for the sender to retry the command, but if done during execution, the component will return MAV_RESULT_IN_PROGRESS with an updated progress.""")
+MAV_RESULT_COMMAND_LONG_ONLY = 7
+enums["MAV_RESULT"][7] = EnumEntry("MAV_RESULT_COMMAND_LONG_ONLY", """Command is only accepted when sent as a COMMAND_LONG.""")
+MAV_RESULT_COMMAND_INT_ONLY = 8
+enums["MAV_RESULT"][8] = EnumEntry("MAV_RESULT_COMMAND_INT_ONLY", """Command is only accepted when sent as a COMMAND_INT.""")
+MAV_RESULT_ENUM_END = 9
+enums["MAV_RESULT"][9] = EnumEntry("MAV_RESULT_ENUM_END", """""")
+
+# MAV_PARAM_TYPE
+enums["MAV_PARAM_TYPE"] = Enum()
+enums["MAV_PARAM_TYPE"].bitmask = False
+MAV_PARAM_TYPE_UINT8 = 1
+enums["MAV_PARAM_TYPE"][1] = EnumEntry("MAV_PARAM_TYPE_UINT8", """8-bit unsigned integer""")
+MAV_PARAM_TYPE_INT8 = 2
+enums["MAV_PARAM_TYPE"][2] = EnumEntry("MAV_PARAM_TYPE_INT8", """8-bit signed integer""")
+MAV_PARAM_TYPE_UINT16 = 3
+enums["MAV_PARAM_TYPE"][3] = EnumEntry("MAV_PARAM_TYPE_UINT16", """16-bit unsigned integer""")
+MAV_PARAM_TYPE_INT16 = 4
+enums["MAV_PARAM_TYPE"][4] = EnumEntry("MAV_PARAM_TYPE_INT16", """16-bit signed integer""")
+MAV_PARAM_TYPE_UINT32 = 5
+enums["MAV_PARAM_TYPE"][5] = EnumEntry("MAV_PARAM_TYPE_UINT32", """32-bit unsigned integer""")
+MAV_PARAM_TYPE_INT32 = 6
+enums["MAV_PARAM_TYPE"][6] = EnumEntry("MAV_PARAM_TYPE_INT32", """32-bit signed integer""")
+MAV_PARAM_TYPE_UINT64 = 7
+enums["MAV_PARAM_TYPE"][7] = EnumEntry("MAV_PARAM_TYPE_UINT64", """64-bit unsigned integer""")
+MAV_PARAM_TYPE_INT64 = 8
+enums["MAV_PARAM_TYPE"][8] = EnumEntry("MAV_PARAM_TYPE_INT64", """64-bit signed integer""")
+MAV_PARAM_TYPE_REAL32 = 9
+enums["MAV_PARAM_TYPE"][9] = EnumEntry("MAV_PARAM_TYPE_REAL32", """32-bit floating-point""")
+MAV_PARAM_TYPE_REAL64 = 10
+enums["MAV_PARAM_TYPE"][10] = EnumEntry("MAV_PARAM_TYPE_REAL64", """64-bit floating-point""")
+MAV_PARAM_TYPE_ENUM_END = 11
+enums["MAV_PARAM_TYPE"][11] = EnumEntry("MAV_PARAM_TYPE_ENUM_END", """""")
+
+# MAV_PROTOCOL_CAPABILITY
+enums["MAV_PROTOCOL_CAPABILITY"] = Enum()
+enums["MAV_PROTOCOL_CAPABILITY"].bitmask = True
+MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT = 1
+enums["MAV_PROTOCOL_CAPABILITY"][1] = EnumEntry(
+    "MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT",
+    """Autopilot supports the MISSION_ITEM float message type.
+              Note that MISSION_ITEM is deprecated, and autopilots should use MISSION_ITEM_INT instead.
+            """,
+)
+MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT = 2
+enums["MAV_PROTOCOL_CAPABILITY"][2] = EnumEntry("MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT", """Autopilot supports the new param float message type.""")
+MAV_PROTOCOL_CAPABILITY_MISSION_INT = 4
+enums["MAV_PROTOCOL_CAPABILITY"][4] = EnumEntry(
+    "MAV_PROTOCOL_CAPABILITY_MISSION_INT",
+    """Autopilot supports MISSION_ITEM_INT scaled integer message type.
+              Note that this flag must always be set if missions are supported, because missions must always use MISSION_ITEM_INT (rather than MISSION_ITEM, which is deprecated).
+            """,
+)
+MAV_PROTOCOL_CAPABILITY_COMMAND_INT = 8
+enums["MAV_PROTOCOL_CAPABILITY"][8] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMMAND_INT", """Autopilot supports COMMAND_INT scaled integer message type.""")
+MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE = 16
+enums["MAV_PROTOCOL_CAPABILITY"][16] = EnumEntry(
+    "MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE",
+    """Parameter protocol uses byte-wise encoding of parameter values into param_value (float) fields: https://mavlink.io/en/services/parameter.html#parameter-encoding.
+              Note that either this flag or MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST should be set if the parameter protocol is supported.
+            """,
+)
+MAV_PROTOCOL_CAPABILITY_FTP = 32
+enums["MAV_PROTOCOL_CAPABILITY"][32] = EnumEntry("MAV_PROTOCOL_CAPABILITY_FTP", """Autopilot supports the File Transfer Protocol v1: https://mavlink.io/en/services/ftp.html.""")
+MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET = 64
+enums["MAV_PROTOCOL_CAPABILITY"][64] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET", """Autopilot supports commanding attitude offboard.""")
+MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED = 128
+enums["MAV_PROTOCOL_CAPABILITY"][128] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED", """Autopilot supports commanding position and velocity targets in local NED frame.""")
+MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT = 256
+enums["MAV_PROTOCOL_CAPABILITY"][256] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT", """Autopilot supports commanding position and velocity targets in global scaled integers.""")
+MAV_PROTOCOL_CAPABILITY_TERRAIN = 512
+enums["MAV_PROTOCOL_CAPABILITY"][512] = EnumEntry("MAV_PROTOCOL_CAPABILITY_TERRAIN", """Autopilot supports terrain protocol / data handling.""")
+MAV_PROTOCOL_CAPABILITY_RESERVED3 = 1024
+enums["MAV_PROTOCOL_CAPABILITY"][1024] = EnumEntry("MAV_PROTOCOL_CAPABILITY_RESERVED3", """Reserved for future use.""")
+MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION = 2048
+enums["MAV_PROTOCOL_CAPABILITY"][2048] = EnumEntry("MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION", """Autopilot supports the MAV_CMD_DO_FLIGHTTERMINATION command (flight termination).""")
+MAV_PROTOCOL_CAPABILITY_COMPASS_CALIBRATION = 4096
+enums["MAV_PROTOCOL_CAPABILITY"][4096] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMPASS_CALIBRATION", """Autopilot supports onboard compass calibration.""")
+MAV_PROTOCOL_CAPABILITY_MAVLINK2 = 8192
+enums["MAV_PROTOCOL_CAPABILITY"][8192] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MAVLINK2", """Autopilot supports MAVLink version 2.""")
+MAV_PROTOCOL_CAPABILITY_MISSION_FENCE = 16384
+enums["MAV_PROTOCOL_CAPABILITY"][16384] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_FENCE", """Autopilot supports mission fence protocol.""")
+MAV_PROTOCOL_CAPABILITY_MISSION_RALLY = 32768
+enums["MAV_PROTOCOL_CAPABILITY"][32768] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_RALLY", """Autopilot supports mission rally point protocol.""")
+MAV_PROTOCOL_CAPABILITY_RESERVED2 = 65536
+enums["MAV_PROTOCOL_CAPABILITY"][65536] = EnumEntry("MAV_PROTOCOL_CAPABILITY_RESERVED2", """Reserved for future use.""")
+MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST = 131072
+enums["MAV_PROTOCOL_CAPABILITY"][131072] = EnumEntry(
+    "MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST",
+    """Parameter protocol uses C-cast of parameter values to set the param_value (float) fields: https://mavlink.io/en/services/parameter.html#parameter-encoding.
+              Note that either this flag or MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE should be set if the parameter protocol is supported.
+            """,
+)
+MAV_PROTOCOL_CAPABILITY_COMPONENT_IMPLEMENTS_GIMBAL_MANAGER = 262144
+enums["MAV_PROTOCOL_CAPABILITY"][262144] = EnumEntry(
+    "MAV_PROTOCOL_CAPABILITY_COMPONENT_IMPLEMENTS_GIMBAL_MANAGER",
+    """This component implements/is a gimbal manager. This means the GIMBAL_MANAGER_INFORMATION, and other messages can be requested.
+            """,
+)
+MAV_PROTOCOL_CAPABILITY_COMPONENT_ACCEPTS_GCS_CONTROL = 524288
+enums["MAV_PROTOCOL_CAPABILITY"][524288] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMPONENT_ACCEPTS_GCS_CONTROL", """Component supports locking control to a particular GCS independent of its system (via MAV_CMD_REQUEST_OPERATOR_CONTROL).""")
+MAV_PROTOCOL_CAPABILITY_GRIPPER = 1048576
+enums["MAV_PROTOCOL_CAPABILITY"][1048576] = EnumEntry("MAV_PROTOCOL_CAPABILITY_GRIPPER", """Autopilot has a connected gripper. MAVLink Grippers would set MAV_TYPE_GRIPPER instead.""")
+MAV_PROTOCOL_CAPABILITY_ENUM_END = 1048577
+enums["MAV_PROTOCOL_CAPABILITY"][1048577] = EnumEntry("MAV_PROTOCOL_CAPABILITY_ENUM_END", """""")
+
+# MAV_STANDARD_MODE
+enums["MAV_STANDARD_MODE"] = Enum()
+enums["MAV_STANDARD_MODE"].bitmask = False
+MAV_STANDARD_MODE_NON_STANDARD = 0
+enums["MAV_STANDARD_MODE"][0] = EnumEntry(
+    "MAV_STANDARD_MODE_NON_STANDARD",
+    """Non standard mode.
+              This may be used when reporting the mode if the current flight mode is not a standard mode.
+            """,
+)
+MAV_STANDARD_MODE_POSITION_HOLD = 1
+enums["MAV_STANDARD_MODE"][1] = EnumEntry(
+    "MAV_STANDARD_MODE_POSITION_HOLD",
+    """Position mode (manual).
+              Position-controlled and stabilized manual mode.
+              When sticks are released vehicles return to their level-flight orientation and hold both position and altitude against wind and external forces.
+              This mode can only be set by vehicles that can hold a fixed position.
+              Multicopter (MC) vehicles actively brake and hold both position and altitude against wind and external forces.
+              Hybrid MC/FW ("VTOL") vehicles first transition to multicopter mode (if needed) but otherwise behave in the same way as MC vehicles.
+              Fixed-wing (FW) vehicles must not support this mode.
+              Other vehicle types must not support this mode (this may be revisited through the PR process).
+            """,
+)
+MAV_STANDARD_MODE_ORBIT = 2
+enums["MAV_STANDARD_MODE"][2] = EnumEntry(
+    "MAV_STANDARD_MODE_ORBIT",
+    """Orbit (manual).
+              Position-controlled and stabilized manual mode.
+              The vehicle circles around a fixed setpoint in the horizontal plane at a particular radius, altitude, and direction.
+              Flight stacks may further allow manual control over the setpoint position, radius, direction, speed, and/or altitude of the circle, but this is not mandated.
+              Flight stacks may support the [MAV_CMD_DO_ORBIT](https://mavlink.io/en/messages/common.html#MAV_CMD_DO_ORBIT) for changing the orbit parameters.
+              MC and FW vehicles may support this mode.
+              Hybrid MC/FW ("VTOL") vehicles may support this mode in MC/FW or both modes; if the mode is not supported by the current configuration the vehicle should transition to the supported configuration.
+              Other vehicle types must not support this mode (this may be revisited through the PR process).
+            """,
+)
+MAV_STANDARD_MODE_CRUISE = 3
+enums["MAV_STANDARD_MODE"][3] = EnumEntry(
+    "MAV_STANDARD_MODE_CRUISE",
+    """Cruise mode (manual).
+              Position-controlled and stabilized manual mode.
+              When sticks are released vehicles return to their level-flight orientation and hold their original track against wind and external forces.
+              Fixed-wing (FW) vehicles level orientation and maintain current track and altitude against wind and external forces.
+              Hybrid MC/FW ("VTOL") vehicles first transition to FW mode (if needed) but otherwise behave in the same way as MC vehicles.
+              Multicopter (MC) vehicles must not support this mode.
+              Other vehicle types must not support this mode (this may be revisited through the PR process).
+            """,
+)
+MAV_STANDARD_MODE_ALTITUDE_HOLD = 4
+enums["MAV_STANDARD_MODE"][4] = EnumEntry(
+    "MAV_STANDARD_MODE_ALTITUDE_HOLD",
+    """Altitude hold (manual).
+              Altitude-controlled and stabilized manual mode.
+              When sticks are released vehicles return to their level-flight orientation and hold their altitude.
+              MC vehicles continue with existing momentum and may move with wind (or other external forces).
+              FW vehicles continue with current heading, but may be moved off-track by wind.
+              Hybrid MC/FW ("VTOL") vehicles behave according to their current configuration/mode (FW or MC).
+              Other vehicle types must not support this mode (this may be revisited through the PR process).
+            """,
+)
+MAV_STANDARD_MODE_SAFE_RECOVERY = 5
+enums["MAV_STANDARD_MODE"][5] = EnumEntry(
+    "MAV_STANDARD_MODE_SAFE_RECOVERY",
+    """Safe recovery mode (auto).
+              Automatic mode that takes vehicle to a predefined safe location via a safe flight path, and may also automatically land the vehicle.
+              This mode is more commonly referred to as RTL and/or or Smart RTL.
+              The precise return location, flight path, and landing behaviour depend on vehicle configuration and type.
+              For example, the vehicle might return to the home/launch location, a rally point, or the start of a mission landing, it might follow a direct path, mission path, or breadcrumb path, and land using a mission landing pattern or some other kind of descent.
+            """,
+)
+MAV_STANDARD_MODE_MISSION = 6
+enums["MAV_STANDARD_MODE"][6] = EnumEntry(
+    "MAV_STANDARD_MODE_MISSION",
+    """Mission mode (automatic).
+              Automatic mode that executes MAVLink missions.
+              Missions are executed from the current waypoint as soon as the mode is enabled.
+            """,
+)
+MAV_STANDARD_MODE_LAND = 7
+enums["MAV_STANDARD_MODE"][7] = EnumEntry(
+    "MAV_STANDARD_MODE_LAND",
+    """Land mode (auto).
+              Automatic mode that lands the vehicle at the current location.
+              The precise landing behaviour depends on vehicle configuration and type.
+            """,
+)
+MAV_STANDARD_MODE_TAKEOFF = 8
+enums["MAV_STANDARD_MODE"][8] = EnumEntry(
+    "MAV_STANDARD_MODE_TAKEOFF",
+    """Takeoff mode (auto).
+              Automatic takeoff mode.
+              The precise takeoff behaviour depends on vehicle configuration and type.
+            """,
+)
+MAV_STANDARD_MODE_ENUM_END = 9
+enums["MAV_STANDARD_MODE"][9] = EnumEntry("MAV_STANDARD_MODE_ENUM_END", """""")
+
+# MAV_MODE_PROPERTY
+enums["MAV_MODE_PROPERTY"] = Enum()
+enums["MAV_MODE_PROPERTY"].bitmask = True
+MAV_MODE_PROPERTY_ADVANCED = 1
+enums["MAV_MODE_PROPERTY"][1] = EnumEntry(
+    "MAV_MODE_PROPERTY_ADVANCED",
+    """If set, this mode is an advanced mode.
+              For example a rate-controlled manual mode might be advanced, whereas a position-controlled manual mode is not.
+              A GCS can optionally use this flag to configure the UI for its intended users.
+            """,
+)
+MAV_MODE_PROPERTY_NOT_USER_SELECTABLE = 2
+enums["MAV_MODE_PROPERTY"][2] = EnumEntry(
+    "MAV_MODE_PROPERTY_NOT_USER_SELECTABLE",
+    """If set, this mode should not be added to the list of selectable modes.
+              The mode might still be selected by the FC directly (for example as part of a failsafe).
+            """,
+)
+MAV_MODE_PROPERTY_ENUM_END = 3
+enums["MAV_MODE_PROPERTY"][3] = EnumEntry("MAV_MODE_PROPERTY_ENUM_END", """""")
+
 # LEONAV_MODE
 enums["LEONAV_MODE"] = Enum()
 enums["LEONAV_MODE"].bitmask = False
@@ -1219,8 +1457,129 @@ LEONAV_ALERT_ID_TABLE_REFUSED = 25
 enums["LEONAV_ALERT_ID"][25] = EnumEntry("LEONAV_ALERT_ID_TABLE_REFUSED", """New navigation table refused: old one flies on""")
 LEONAV_ALERT_ID_TABLE_ROLLED_BACK = 26
 enums["LEONAV_ALERT_ID"][26] = EnumEntry("LEONAV_ALERT_ID_TABLE_ROLLED_BACK", """New navigation table failed: old one flies again""")
-LEONAV_ALERT_ID_ENUM_END = 27
-enums["LEONAV_ALERT_ID"][27] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_FLAG_DISARMED = 27
+enums["LEONAV_ALERT_ID"][27] = EnumEntry("LEONAV_ALERT_ID_FLAG_DISARMED", """Failure flag disarmed: state not guarded""")
+LEONAV_ALERT_ID_LINK_REFUSED = 28
+enums["LEONAV_ALERT_ID"][28] = EnumEntry("LEONAV_ALERT_ID_LINK_REFUSED", """Commands refused: signature or address wrong""")
+LEONAV_ALERT_ID_ENUM_END = 29
+enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+
+# MAV_CMD
+enums["MAV_CMD"] = Enum()
+enums["MAV_CMD"].bitmask = False
+MAV_CMD_DO_SET_MODE = 176
+enums["MAV_CMD"][176] = EnumEntry("MAV_CMD_DO_SET_MODE", """param1 bit 1: custom mode; param2: AUTONOMOUS inhibits all measurements, INTEGRATED lets the gate decide.""")
+enums["MAV_CMD"][176].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][176].param[7] = """Reserved (default:0)"""
+MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN = 246
+enums["MAV_CMD"][246] = EnumEntry("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", """param1 1: end flight and let its supervisor start it again.""")
+enums["MAV_CMD"][246].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[7] = """Reserved (default:0)"""
+MAV_CMD_COMPONENT_ARM_DISARM = 400
+enums["MAV_CMD"][400] = EnumEntry("MAV_CMD_COMPONENT_ARM_DISARM", """param1 1: a raised flag withdraws the state; 0: it is told, and the state stays on offer, never trusted.""")
+enums["MAV_CMD"][400].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][400].param[7] = """Reserved (default:0)"""
+MAV_CMD_GET_MESSAGE_INTERVAL = 510
+enums["MAV_CMD"][510] = EnumEntry("MAV_CMD_GET_MESSAGE_INTERVAL", """param1: message id; answered by MESSAGE_INTERVAL.""")
+enums["MAV_CMD"][510].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[7] = """Reserved (default:0)"""
+MAV_CMD_SET_MESSAGE_INTERVAL = 511
+enums["MAV_CMD"][511] = EnumEntry("MAV_CMD_SET_MESSAGE_INTERVAL", """param1: message id; param2: interval in us, 0 default, -1 never.""")
+enums["MAV_CMD"][511].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[7] = """Reserved (default:0)"""
+MAV_CMD_REQUEST_MESSAGE = 512
+enums["MAV_CMD"][512] = EnumEntry("MAV_CMD_REQUEST_MESSAGE", """param1: message id, sent once; param2: index where the message has one.""")
+enums["MAV_CMD"][512].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][512].param[7] = """Reserved (default:0)"""
+MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES = 520
+enums["MAV_CMD"][520] = EnumEntry("MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES", """Answered by AUTOPILOT_VERSION.""")
+enums["MAV_CMD"][520].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[7] = """Reserved (default:0)"""
+MAV_CMD_ENUM_END = 521
+enums["MAV_CMD"][521] = EnumEntry("MAV_CMD_ENUM_END", """""")
+
+# LEONAV_CMD
+enums["LEONAV_CMD"] = Enum()
+enums["LEONAV_CMD"].bitmask = False
+LEONAV_CMD_EDIT = 61400
+enums["LEONAV_CMD"][61400] = EnumEntry("LEONAV_CMD_EDIT", """param1: measurement type, 0 position, 1 velocity; param2: 0 auto, 1 accept, 2 reject, 3 inhibit.""")
+LEONAV_CMD_RESET_FILTER = 61401
+enums["LEONAV_CMD"][61401] = EnumEntry("LEONAV_CMD_RESET_FILTER", """Forget the state and start from the next good fixes.""")
+LEONAV_CMD_TABLE_STAGE = 61402
+enums["LEONAV_CMD"][61402] = EnumEntry("LEONAV_CMD_TABLE_STAGE", """Validate and stage the uploaded navigation table. param1 1: also one older than the active.""")
+LEONAV_CMD_TABLE_ACTIVATE = 61403
+enums["LEONAV_CMD"][61403] = EnumEntry("LEONAV_CMD_TABLE_ACTIVATE", """Fly the staged table, on trial.""")
+LEONAV_CMD_TABLE_ROLL_BACK = 61404
+enums["LEONAV_CMD"][61404] = EnumEntry("LEONAV_CMD_TABLE_ROLL_BACK", """Fly the table of before; only while the new one is on trial.""")
+LEONAV_CMD_ACKNOWLEDGE_ALERT = 61405
+enums["LEONAV_CMD"][61405] = EnumEntry("LEONAV_CMD_ACKNOWLEDGE_ALERT", """param1: sequence of the LEONAV_ALERT that was seen.""")
+LEONAV_CMD_REQUEST_EVENTS = 61406
+enums["LEONAV_CMD"][61406] = EnumEntry("LEONAV_CMD_REQUEST_EVENTS", """param1, param2: first and last sequence of LEONAV_ALERTs to send again.""")
+LEONAV_CMD_ENUM_END = 61407
+enums["LEONAV_CMD"][61407] = EnumEntry("LEONAV_CMD_ENUM_END", """""")
+
+# LEONAV_LINK_REFUSAL
+enums["LEONAV_LINK_REFUSAL"] = Enum()
+enums["LEONAV_LINK_REFUSAL"].bitmask = False
+LEONAV_LINK_REFUSAL_DAMAGED = 0
+enums["LEONAV_LINK_REFUSAL"][0] = EnumEntry("LEONAV_LINK_REFUSAL_DAMAGED", """Bytes that are no frame, or a frame whose checksum is wrong.""")
+LEONAV_LINK_REFUSAL_UNKNOWN = 1
+enums["LEONAV_LINK_REFUSAL"][1] = EnumEntry("LEONAV_LINK_REFUSAL_UNKNOWN", """A message that flight does not take.""")
+LEONAV_LINK_REFUSAL_WRONG_TARGET = 2
+enums["LEONAV_LINK_REFUSAL"][2] = EnumEntry("LEONAV_LINK_REFUSAL_WRONG_TARGET", """Addressed to another system or component.""")
+LEONAV_LINK_REFUSAL_UNSIGNED = 3
+enums["LEONAV_LINK_REFUSAL"][3] = EnumEntry("LEONAV_LINK_REFUSAL_UNSIGNED", """Would change state, and is not signed.""")
+LEONAV_LINK_REFUSAL_BAD_SIGNATURE = 4
+enums["LEONAV_LINK_REFUSAL"][4] = EnumEntry("LEONAV_LINK_REFUSAL_BAD_SIGNATURE", """Signed with no key that flight knows.""")
+LEONAV_LINK_REFUSAL_REPLAYED = 5
+enums["LEONAV_LINK_REFUSAL"][5] = EnumEntry("LEONAV_LINK_REFUSAL_REPLAYED", """Time of signature not later than one already accepted.""")
+LEONAV_LINK_REFUSAL_TOO_OLD = 6
+enums["LEONAV_LINK_REFUSAL"][6] = EnumEntry("LEONAV_LINK_REFUSAL_TOO_OLD", """Time of signature more than a minute behind, or before the last restart.""")
+LEONAV_LINK_REFUSAL_FUTURE = 7
+enums["LEONAV_LINK_REFUSAL"][7] = EnumEntry("LEONAV_LINK_REFUSAL_FUTURE", """Time of signature more than a minute ahead.""")
+LEONAV_LINK_REFUSAL_STREAMS = 8
+enums["LEONAV_LINK_REFUSAL"][8] = EnumEntry("LEONAV_LINK_REFUSAL_STREAMS", """More senders at a time than flight keeps account of.""")
+LEONAV_LINK_REFUSAL_FLOOD = 9
+enums["LEONAV_LINK_REFUSAL"][9] = EnumEntry("LEONAV_LINK_REFUSAL_FLOOD", """More than flight takes in one tick.""")
+LEONAV_LINK_REFUSAL_PEER = 10
+enums["LEONAV_LINK_REFUSAL"][10] = EnumEntry("LEONAV_LINK_REFUSAL_PEER", """From an address that is neither configured nor authenticated.""")
+LEONAV_LINK_REFUSAL_ENUM_END = 11
+enums["LEONAV_LINK_REFUSAL"][11] = EnumEntry("LEONAV_LINK_REFUSAL_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
@@ -1228,9 +1587,23 @@ MAVLINK_MSG_ID_UNKNOWN = -2
 MAVLINK_MSG_ID_HEARTBEAT = 0
 MAVLINK_MSG_ID_SYS_STATUS = 1
 MAVLINK_MSG_ID_SYSTEM_TIME = 2
+MAVLINK_MSG_ID_PARAM_REQUEST_READ = 20
+MAVLINK_MSG_ID_PARAM_REQUEST_LIST = 21
+MAVLINK_MSG_ID_PARAM_VALUE = 22
+MAVLINK_MSG_ID_PARAM_SET = 23
 MAVLINK_MSG_ID_GPS_RAW_INT = 24
+MAVLINK_MSG_ID_COMMAND_INT = 75
+MAVLINK_MSG_ID_COMMAND_LONG = 76
+MAVLINK_MSG_ID_COMMAND_ACK = 77
+MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL = 110
+MAVLINK_MSG_ID_TIMESYNC = 111
+MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
 MAVLINK_MSG_ID_ESTIMATOR_STATUS = 230
+MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_STATUSTEXT = 253
+MAVLINK_MSG_ID_AVAILABLE_MODES = 435
+MAVLINK_MSG_ID_CURRENT_MODE = 436
+MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR = 437
 MAVLINK_MSG_ID_LEONAV_NAV_STATE = 61400
 MAVLINK_MSG_ID_LEONAV_INTEGRITY = 61401
 MAVLINK_MSG_ID_LEONAV_INNOVATION = 61402
@@ -1239,6 +1612,7 @@ MAVLINK_MSG_ID_LEONAV_TABLE_STATUS = 61404
 MAVLINK_MSG_ID_LEONAV_ALERT = 61405
 MAVLINK_MSG_ID_LEONAV_COVARIANCE = 61406
 MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG = 61407
+MAVLINK_MSG_ID_LEONAV_LINK = 61408
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -1390,6 +1764,194 @@ class MAVLink_system_time_message(MAVLink_message):
 setattr(MAVLink_system_time_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_param_request_read_message(MAVLink_message):
+    """
+    Request to read the onboard parameter with the param_id string id.
+    Onboard parameters are stored as key[const char*] -> value[float].
+    This allows to send a parameter to any other component (such as
+    the GCS) without the need of previous knowledge of possible
+    parameter names. Thus the same GCS can store different parameters
+    for different autopilots. See also
+    https://mavlink.io/en/services/parameter.html for a full
+    documentation of QGroundControl and IMU code.
+    """
+
+    id = MAVLINK_MSG_ID_PARAM_REQUEST_READ
+    msgname = "PARAM_REQUEST_READ"
+    fieldnames = ["target_system", "target_component", "param_id", "param_index"]
+    ordered_fieldnames = ["param_index", "target_system", "target_component", "param_id"]
+    fieldtypes = ["uint8_t", "uint8_t", "char", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<hBBc")
+    orders = [1, 2, 3, 0]
+    lengths = [1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 16]
+    crc_extra = 214
+    unpacker = struct.Struct("<hBB16s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, param_id: bytes, param_index: int):
+        MAVLink_message.__init__(self, MAVLink_param_request_read_message.id, MAVLink_param_request_read_message.msgname)
+        self._fieldnames = MAVLink_param_request_read_message.fieldnames
+        self._instance_field = MAVLink_param_request_read_message.instance_field
+        self._instance_offset = MAVLink_param_request_read_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self._param_id_raw = param_id
+        self.param_id = param_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.param_index = param_index
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param_index, self.target_system, self.target_component, self._param_id_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_param_request_read_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_param_request_list_message(MAVLink_message):
+    """
+    Request all parameters of this component. After this request, all
+    parameters are emitted. The parameter microservice is documented
+    at https://mavlink.io/en/services/parameter.html
+    """
+
+    id = MAVLINK_MSG_ID_PARAM_REQUEST_LIST
+    msgname = "PARAM_REQUEST_LIST"
+    fieldnames = ["target_system", "target_component"]
+    ordered_fieldnames = ["target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BB")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 159
+    unpacker = struct.Struct("<BB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int):
+        MAVLink_message.__init__(self, MAVLink_param_request_list_message.id, MAVLink_param_request_list_message.msgname)
+        self._fieldnames = MAVLink_param_request_list_message.fieldnames
+        self._instance_field = MAVLink_param_request_list_message.instance_field
+        self._instance_offset = MAVLink_param_request_list_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_param_request_list_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_param_value_message(MAVLink_message):
+    """
+    Emit the value of a onboard parameter. The inclusion of
+    param_count and param_index in the message allows the recipient to
+    keep track of received parameters and allows him to re-request
+    missing parameters after a loss or timeout. The parameter
+    microservice is documented at
+    https://mavlink.io/en/services/parameter.html
+    """
+
+    id = MAVLINK_MSG_ID_PARAM_VALUE
+    msgname = "PARAM_VALUE"
+    fieldnames = ["param_id", "param_value", "param_type", "param_count", "param_index"]
+    ordered_fieldnames = ["param_value", "param_count", "param_index", "param_id", "param_type"]
+    fieldtypes = ["char", "float", "uint8_t", "uint16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"param_type": "MAV_PARAM_TYPE"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<fHHcB")
+    orders = [3, 0, 4, 1, 2]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 16, 0]
+    crc_extra = 220
+    unpacker = struct.Struct("<fHH16sB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, param_id: bytes, param_value: float, param_type: int, param_count: int, param_index: int):
+        MAVLink_message.__init__(self, MAVLink_param_value_message.id, MAVLink_param_value_message.msgname)
+        self._fieldnames = MAVLink_param_value_message.fieldnames
+        self._instance_field = MAVLink_param_value_message.instance_field
+        self._instance_offset = MAVLink_param_value_message.instance_offset
+        self._param_id_raw = param_id
+        self.param_id = param_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.param_value = param_value
+        self.param_type = param_type
+        self.param_count = param_count
+        self.param_index = param_index
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param_value, self.param_count, self.param_index, self._param_id_raw, self.param_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_param_value_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_param_set_message(MAVLink_message):
+    """
+    Set a parameter value (write new value to permanent storage).
+    The receiving component should acknowledge the new parameter value
+    by broadcasting a PARAM_VALUE message (broadcasting ensures that
+    multiple GCS all have an up-to-date list of all parameters). If
+    the sending GCS did not receive a PARAM_VALUE within its timeout
+    time, it should re-send the PARAM_SET message. The parameter
+    microservice is documented at
+    https://mavlink.io/en/services/parameter.html.
+    """
+
+    id = MAVLINK_MSG_ID_PARAM_SET
+    msgname = "PARAM_SET"
+    fieldnames = ["target_system", "target_component", "param_id", "param_value", "param_type"]
+    ordered_fieldnames = ["param_value", "target_system", "target_component", "param_id", "param_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "char", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"param_type": "MAV_PARAM_TYPE"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<fBBcB")
+    orders = [1, 2, 3, 0, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 16, 0]
+    crc_extra = 168
+    unpacker = struct.Struct("<fBB16sB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, param_id: bytes, param_value: float, param_type: int):
+        MAVLink_message.__init__(self, MAVLink_param_set_message.id, MAVLink_param_set_message.msgname)
+        self._fieldnames = MAVLink_param_set_message.fieldnames
+        self._instance_field = MAVLink_param_set_message.instance_field
+        self._instance_offset = MAVLink_param_set_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self._param_id_raw = param_id
+        self.param_id = param_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.param_value = param_value
+        self.param_type = param_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param_value, self.target_system, self.target_component, self._param_id_raw, self.param_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_param_set_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_gps_raw_int_message(MAVLink_message):
     """
     The global position, as returned by the Global Positioning System
@@ -1444,6 +2006,306 @@ class MAVLink_gps_raw_int_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_gps_raw_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_command_int_message(MAVLink_message):
+    """
+    Message encoding a command with parameters as scaled integers.
+    Scaling depends on the actual command value. The command
+    microservice is documented at
+    https://mavlink.io/en/services/command.html
+    """
+
+    id = MAVLINK_MSG_ID_COMMAND_INT
+    msgname = "COMMAND_INT"
+    fieldnames = ["target_system", "target_component", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"]
+    ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "command", "target_system", "target_component", "frame", "current", "autocontinue"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "int32_t", "int32_t", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<ffffiifHBBBBB")
+    orders = [8, 9, 10, 7, 11, 12, 0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 158
+    unpacker = struct.Struct("<ffffiifHBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float):
+        MAVLink_message.__init__(self, MAVLink_command_int_message.id, MAVLink_command_int_message.msgname)
+        self._fieldnames = MAVLink_command_int_message.fieldnames
+        self._instance_field = MAVLink_command_int_message.instance_field
+        self._instance_offset = MAVLink_command_int_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.frame = frame
+        self.command = command
+        self.current = current
+        self.autocontinue = autocontinue
+        self.param1 = param1
+        self.param2 = param2
+        self.param3 = param3
+        self.param4 = param4
+        self.x = x
+        self.y = y
+        self.z = z
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param1, self.param2, self.param3, self.param4, self.x, self.y, self.z, self.command, self.target_system, self.target_component, self.frame, self.current, self.autocontinue), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_command_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_command_long_message(MAVLink_message):
+    """
+    Send a command with up to seven parameters to the MAV. COMMAND_INT
+    is generally preferred when sending MAV_CMD commands that include
+    positional information; it offers higher precision and allows the
+    MAV_FRAME to be specified (which may otherwise be ambiguous,
+    particularly for altitude). The command microservice is documented
+    at https://mavlink.io/en/services/command.html
+    """
+
+    id = MAVLINK_MSG_ID_COMMAND_LONG
+    msgname = "COMMAND_LONG"
+    fieldnames = ["target_system", "target_component", "command", "confirmation", "param1", "param2", "param3", "param4", "param5", "param6", "param7"]
+    ordered_fieldnames = ["param1", "param2", "param3", "param4", "param5", "param6", "param7", "command", "target_system", "target_component", "confirmation"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<fffffffHBBB")
+    orders = [8, 9, 7, 10, 0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 152
+    unpacker = struct.Struct("<fffffffHBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, command: int, confirmation: int, param1: float, param2: float, param3: float, param4: float, param5: float, param6: float, param7: float):
+        MAVLink_message.__init__(self, MAVLink_command_long_message.id, MAVLink_command_long_message.msgname)
+        self._fieldnames = MAVLink_command_long_message.fieldnames
+        self._instance_field = MAVLink_command_long_message.instance_field
+        self._instance_offset = MAVLink_command_long_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.command = command
+        self.confirmation = confirmation
+        self.param1 = param1
+        self.param2 = param2
+        self.param3 = param3
+        self.param4 = param4
+        self.param5 = param5
+        self.param6 = param6
+        self.param7 = param7
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param1, self.param2, self.param3, self.param4, self.param5, self.param6, self.param7, self.command, self.target_system, self.target_component, self.confirmation), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_command_long_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_command_ack_message(MAVLink_message):
+    """
+    Report status of a command. Includes feedback whether the command
+    was executed. The command microservice is documented at
+    https://mavlink.io/en/services/command.html
+    """
+
+    id = MAVLINK_MSG_ID_COMMAND_ACK
+    msgname = "COMMAND_ACK"
+    fieldnames = ["command", "result", "progress", "result_param2", "target_system", "target_component"]
+    ordered_fieldnames = ["command", "result", "progress", "result_param2", "target_system", "target_component"]
+    fieldtypes = ["uint16_t", "uint8_t", "uint8_t", "int32_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"result": "MAV_RESULT"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HBBiBB")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0]
+    crc_extra = 143
+    unpacker = struct.Struct("<HBBiBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, command: int, result: int, progress: int = 0, result_param2: int = 0, target_system: int = 0, target_component: int = 0):
+        MAVLink_message.__init__(self, MAVLink_command_ack_message.id, MAVLink_command_ack_message.msgname)
+        self._fieldnames = MAVLink_command_ack_message.fieldnames
+        self._instance_field = MAVLink_command_ack_message.instance_field
+        self._instance_offset = MAVLink_command_ack_message.instance_offset
+        self.command = command
+        self.result = result
+        self.progress = progress
+        self.result_param2 = result_param2
+        self.target_system = target_system
+        self.target_component = target_component
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.command, self.result, self.progress, self.result_param2, self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_command_ack_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_file_transfer_protocol_message(MAVLink_message):
+    """
+    File transfer protocol message:
+    https://mavlink.io/en/services/ftp.html.
+    """
+
+    id = MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+    msgname = "FILE_TRANSFER_PROTOCOL"
+    fieldnames = ["target_network", "target_system", "target_component", "payload"]
+    ordered_fieldnames = ["target_network", "target_system", "target_component", "payload"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BBBB")
+    orders = [0, 1, 2, 3]
+    lengths = [1, 1, 1, 251]
+    array_lengths = [0, 0, 0, 251]
+    crc_extra = 84
+    unpacker = struct.Struct("<BBB251B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_file_transfer_protocol_message.id, MAVLink_file_transfer_protocol_message.msgname)
+        self._fieldnames = MAVLink_file_transfer_protocol_message.fieldnames
+        self._instance_field = MAVLink_file_transfer_protocol_message.instance_field
+        self._instance_offset = MAVLink_file_transfer_protocol_message.instance_offset
+        self.target_network = target_network
+        self.target_system = target_system
+        self.target_component = target_component
+        self.payload = payload
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_network, self.target_system, self.target_component, self.payload[0], self.payload[1], self.payload[2], self.payload[3], self.payload[4], self.payload[5], self.payload[6], self.payload[7], self.payload[8], self.payload[9], self.payload[10], self.payload[11], self.payload[12], self.payload[13], self.payload[14], self.payload[15], self.payload[16], self.payload[17], self.payload[18], self.payload[19], self.payload[20], self.payload[21], self.payload[22], self.payload[23], self.payload[24], self.payload[25], self.payload[26], self.payload[27], self.payload[28], self.payload[29], self.payload[30], self.payload[31], self.payload[32], self.payload[33], self.payload[34], self.payload[35], self.payload[36], self.payload[37], self.payload[38], self.payload[39], self.payload[40], self.payload[41], self.payload[42], self.payload[43], self.payload[44], self.payload[45], self.payload[46], self.payload[47], self.payload[48], self.payload[49], self.payload[50], self.payload[51], self.payload[52], self.payload[53], self.payload[54], self.payload[55], self.payload[56], self.payload[57], self.payload[58], self.payload[59], self.payload[60], self.payload[61], self.payload[62], self.payload[63], self.payload[64], self.payload[65], self.payload[66], self.payload[67], self.payload[68], self.payload[69], self.payload[70], self.payload[71], self.payload[72], self.payload[73], self.payload[74], self.payload[75], self.payload[76], self.payload[77], self.payload[78], self.payload[79], self.payload[80], self.payload[81], self.payload[82], self.payload[83], self.payload[84], self.payload[85], self.payload[86], self.payload[87], self.payload[88], self.payload[89], self.payload[90], self.payload[91], self.payload[92], self.payload[93], self.payload[94], self.payload[95], self.payload[96], self.payload[97], self.payload[98], self.payload[99], self.payload[100], self.payload[101], self.payload[102], self.payload[103], self.payload[104], self.payload[105], self.payload[106], self.payload[107], self.payload[108], self.payload[109], self.payload[110], self.payload[111], self.payload[112], self.payload[113], self.payload[114], self.payload[115], self.payload[116], self.payload[117], self.payload[118], self.payload[119], self.payload[120], self.payload[121], self.payload[122], self.payload[123], self.payload[124], self.payload[125], self.payload[126], self.payload[127], self.payload[128], self.payload[129], self.payload[130], self.payload[131], self.payload[132], self.payload[133], self.payload[134], self.payload[135], self.payload[136], self.payload[137], self.payload[138], self.payload[139], self.payload[140], self.payload[141], self.payload[142], self.payload[143], self.payload[144], self.payload[145], self.payload[146], self.payload[147], self.payload[148], self.payload[149], self.payload[150], self.payload[151], self.payload[152], self.payload[153], self.payload[154], self.payload[155], self.payload[156], self.payload[157], self.payload[158], self.payload[159], self.payload[160], self.payload[161], self.payload[162], self.payload[163], self.payload[164], self.payload[165], self.payload[166], self.payload[167], self.payload[168], self.payload[169], self.payload[170], self.payload[171], self.payload[172], self.payload[173], self.payload[174], self.payload[175], self.payload[176], self.payload[177], self.payload[178], self.payload[179], self.payload[180], self.payload[181], self.payload[182], self.payload[183], self.payload[184], self.payload[185], self.payload[186], self.payload[187], self.payload[188], self.payload[189], self.payload[190], self.payload[191], self.payload[192], self.payload[193], self.payload[194], self.payload[195], self.payload[196], self.payload[197], self.payload[198], self.payload[199], self.payload[200], self.payload[201], self.payload[202], self.payload[203], self.payload[204], self.payload[205], self.payload[206], self.payload[207], self.payload[208], self.payload[209], self.payload[210], self.payload[211], self.payload[212], self.payload[213], self.payload[214], self.payload[215], self.payload[216], self.payload[217], self.payload[218], self.payload[219], self.payload[220], self.payload[221], self.payload[222], self.payload[223], self.payload[224], self.payload[225], self.payload[226], self.payload[227], self.payload[228], self.payload[229], self.payload[230], self.payload[231], self.payload[232], self.payload[233], self.payload[234], self.payload[235], self.payload[236], self.payload[237], self.payload[238], self.payload[239], self.payload[240], self.payload[241], self.payload[242], self.payload[243], self.payload[244], self.payload[245], self.payload[246], self.payload[247], self.payload[248], self.payload[249], self.payload[250]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_file_transfer_protocol_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_timesync_message(MAVLink_message):
+    """
+    Time synchronization message.             The message is used for
+    both timesync requests and responses.             The request is
+    sent with `ts1=syncing component timestamp` and `tc1=0`, and may
+    be broadcast or targeted to a specific system/component.
+    The response is sent with `ts1=syncing component timestamp`
+    (mirror back unchanged), and `tc1=responding component timestamp`,
+    with the `target_system` and `target_component` set to ids of the
+    original request.             Systems can determine if they are
+    receiving a request or response based on the value of `tc`.
+    If the response has `target_system==target_component==0` the
+    remote system has not been updated to use the component IDs and
+    cannot reliably timesync; the requester may report an error.
+    Timestamps are UNIX Epoch time or time since system boot in
+    nanoseconds (the timestamp format can be inferred by checking for
+    the magnitude of the number; generally it doesn't matter as only
+    the offset is used).             The message sequence is repeated
+    numerous times with results being filtered/averaged to estimate
+    the offset.             See also:
+    https://mavlink.io/en/services/timesync.html.
+    """
+
+    id = MAVLINK_MSG_ID_TIMESYNC
+    msgname = "TIMESYNC"
+    fieldnames = ["tc1", "ts1"]
+    ordered_fieldnames = ["tc1", "ts1"]
+    fieldtypes = ["int64_t", "int64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"tc1": "ns", "ts1": "ns"}
+    native_format = bytearray(b"<qq")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 34
+    unpacker = struct.Struct("<qq")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, tc1: int, ts1: int):
+        MAVLink_message.__init__(self, MAVLink_timesync_message.id, MAVLink_timesync_message.msgname)
+        self._fieldnames = MAVLink_timesync_message.fieldnames
+        self._instance_field = MAVLink_timesync_message.instance_field
+        self._instance_offset = MAVLink_timesync_message.instance_offset
+        self.tc1 = tc1
+        self.ts1 = ts1
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.tc1, self.ts1), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_timesync_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_autopilot_version_message(MAVLink_message):
+    """
+    Version and capability of autopilot software. This should be
+    emitted in response to a request with MAV_CMD_REQUEST_MESSAGE.
+    """
+
+    id = MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    msgname = "AUTOPILOT_VERSION"
+    fieldnames = ["capabilities", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version", "middleware_custom_version", "os_custom_version", "vendor_id", "product_id", "uid", "uid2"]
+    ordered_fieldnames = ["capabilities", "uid", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id", "flight_custom_version", "middleware_custom_version", "os_custom_version", "uid2"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint64_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {"capabilities": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"capabilities": "MAV_PROTOCOL_CAPABILITY"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QQIIIIHHBBBB")
+    orders = [0, 2, 3, 4, 5, 8, 9, 10, 6, 7, 1, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 8, 8, 8, 18]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 8, 18]
+    crc_extra = 178
+    unpacker = struct.Struct("<QQIIIIHH8B8B8B18B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
+        MAVLink_message.__init__(self, MAVLink_autopilot_version_message.id, MAVLink_autopilot_version_message.msgname)
+        self._fieldnames = MAVLink_autopilot_version_message.fieldnames
+        self._instance_field = MAVLink_autopilot_version_message.instance_field
+        self._instance_offset = MAVLink_autopilot_version_message.instance_offset
+        self.capabilities = capabilities
+        self.flight_sw_version = flight_sw_version
+        self.middleware_sw_version = middleware_sw_version
+        self.os_sw_version = os_sw_version
+        self.board_version = board_version
+        self.flight_custom_version = flight_custom_version
+        self.middleware_custom_version = middleware_custom_version
+        self.os_custom_version = os_custom_version
+        self.vendor_id = vendor_id
+        self.product_id = product_id
+        self.uid = uid
+        self.uid2 = uid2
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.capabilities, self.uid, self.flight_sw_version, self.middleware_sw_version, self.os_sw_version, self.board_version, self.vendor_id, self.product_id, self.flight_custom_version[0], self.flight_custom_version[1], self.flight_custom_version[2], self.flight_custom_version[3], self.flight_custom_version[4], self.flight_custom_version[5], self.flight_custom_version[6], self.flight_custom_version[7], self.middleware_custom_version[0], self.middleware_custom_version[1], self.middleware_custom_version[2], self.middleware_custom_version[3], self.middleware_custom_version[4], self.middleware_custom_version[5], self.middleware_custom_version[6], self.middleware_custom_version[7], self.os_custom_version[0], self.os_custom_version[1], self.os_custom_version[2], self.os_custom_version[3], self.os_custom_version[4], self.os_custom_version[5], self.os_custom_version[6], self.os_custom_version[7], self.uid2[0], self.uid2[1], self.uid2[2], self.uid2[3], self.uid2[4], self.uid2[5], self.uid2[6], self.uid2[7], self.uid2[8], self.uid2[9], self.uid2[10], self.uid2[11], self.uid2[12], self.uid2[13], self.uid2[14], self.uid2[15], self.uid2[16], self.uid2[17]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_autopilot_version_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_estimator_status_message(MAVLink_message):
@@ -1505,6 +2367,50 @@ class MAVLink_estimator_status_message(MAVLink_message):
 setattr(MAVLink_estimator_status_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_message_interval_message(MAVLink_message):
+    """
+    The interval between messages for a particular MAVLink message ID.
+    This message is sent in response to the MAV_CMD_REQUEST_MESSAGE
+    command with param1=244 (this message) and param2=message_id (the
+    id of the message for which the interval is required).         It
+    may also be sent in response to MAV_CMD_GET_MESSAGE_INTERVAL.
+    This interface replaces DATA_STREAM.
+    """
+
+    id = MAVLINK_MSG_ID_MESSAGE_INTERVAL
+    msgname = "MESSAGE_INTERVAL"
+    fieldnames = ["message_id", "interval_us"]
+    ordered_fieldnames = ["interval_us", "message_id"]
+    fieldtypes = ["uint16_t", "int32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"interval_us": "us"}
+    native_format = bytearray(b"<iH")
+    orders = [1, 0]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 95
+    unpacker = struct.Struct("<iH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, message_id: int, interval_us: int):
+        MAVLink_message.__init__(self, MAVLink_message_interval_message.id, MAVLink_message_interval_message.msgname)
+        self._fieldnames = MAVLink_message_interval_message.fieldnames
+        self._instance_field = MAVLink_message_interval_message.instance_field
+        self._instance_offset = MAVLink_message_interval_message.instance_offset
+        self.message_id = message_id
+        self.interval_us = interval_us
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.interval_us, self.message_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_message_interval_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_statustext_message(MAVLink_message):
     """
     Status text message. These messages are printed in yellow in the
@@ -1549,6 +2455,141 @@ class MAVLink_statustext_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_statustext_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_available_modes_message(MAVLink_message):
+    """
+    Get information about a particular flight modes.             The
+    message can be enumerated or requested for a particular mode using
+    MAV_CMD_REQUEST_MESSAGE.             Specify 0 in param2 to
+    request that the message is emitted for all available modes or the
+    specific index for just one mode.             The modes must be
+    available/settable for the current vehicle/frame type.
+    Each modes should only be emitted once (even if it is both
+    standard and custom).
+    """
+
+    id = MAVLINK_MSG_ID_AVAILABLE_MODES
+    msgname = "AVAILABLE_MODES"
+    fieldnames = ["number_modes", "mode_index", "standard_mode", "custom_mode", "properties", "mode_name"]
+    ordered_fieldnames = ["custom_mode", "properties", "number_modes", "mode_index", "standard_mode", "mode_name"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint32_t", "uint32_t", "char"]
+    fielddisplays_by_name: Dict[str, str] = {"properties": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"standard_mode": "MAV_STANDARD_MODE", "properties": "MAV_MODE_PROPERTY"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IIBBBc")
+    orders = [2, 3, 4, 0, 1, 5]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 35]
+    crc_extra = 134
+    unpacker = struct.Struct("<IIBBB35s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, number_modes: int, mode_index: int, standard_mode: int, custom_mode: int, properties: int, mode_name: bytes):
+        MAVLink_message.__init__(self, MAVLink_available_modes_message.id, MAVLink_available_modes_message.msgname)
+        self._fieldnames = MAVLink_available_modes_message.fieldnames
+        self._instance_field = MAVLink_available_modes_message.instance_field
+        self._instance_offset = MAVLink_available_modes_message.instance_offset
+        self.number_modes = number_modes
+        self.mode_index = mode_index
+        self.standard_mode = standard_mode
+        self.custom_mode = custom_mode
+        self.properties = properties
+        self._mode_name_raw = mode_name
+        self.mode_name = mode_name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.custom_mode, self.properties, self.number_modes, self.mode_index, self.standard_mode, self._mode_name_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_available_modes_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_current_mode_message(MAVLink_message):
+    """
+    Get the current mode.             This should be emitted on any
+    mode change, and broadcast at low rate (nominally 0.5 Hz).
+    It may be requested using MAV_CMD_REQUEST_MESSAGE.
+    """
+
+    id = MAVLINK_MSG_ID_CURRENT_MODE
+    msgname = "CURRENT_MODE"
+    fieldnames = ["standard_mode", "custom_mode", "intended_custom_mode"]
+    ordered_fieldnames = ["custom_mode", "intended_custom_mode", "standard_mode"]
+    fieldtypes = ["uint8_t", "uint32_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"standard_mode": "MAV_STANDARD_MODE"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IIB")
+    orders = [2, 0, 1]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 193
+    unpacker = struct.Struct("<IIB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, standard_mode: int, custom_mode: int, intended_custom_mode: int):
+        MAVLink_message.__init__(self, MAVLink_current_mode_message.id, MAVLink_current_mode_message.msgname)
+        self._fieldnames = MAVLink_current_mode_message.fieldnames
+        self._instance_field = MAVLink_current_mode_message.instance_field
+        self._instance_offset = MAVLink_current_mode_message.instance_offset
+        self.standard_mode = standard_mode
+        self.custom_mode = custom_mode
+        self.intended_custom_mode = intended_custom_mode
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.custom_mode, self.intended_custom_mode, self.standard_mode), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_current_mode_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_available_modes_monitor_message(MAVLink_message):
+    """
+    A change to the sequence number indicates that the set of
+    AVAILABLE_MODES has changed.             A receiver must re-
+    request all available modes whenever the sequence number changes.
+    This is only emitted after the first change and should then be
+    broadcast at low rate (nominally 0.3 Hz) and on change.
+    """
+
+    id = MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR
+    msgname = "AVAILABLE_MODES_MONITOR"
+    fieldnames = ["seq"]
+    ordered_fieldnames = ["seq"]
+    fieldtypes = ["uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<B")
+    orders = [0]
+    lengths = [1]
+    array_lengths = [0]
+    crc_extra = 30
+    unpacker = struct.Struct("<B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, seq: int):
+        MAVLink_message.__init__(self, MAVLink_available_modes_monitor_message.id, MAVLink_available_modes_monitor_message.msgname)
+        self._fieldnames = MAVLink_available_modes_monitor_message.fieldnames
+        self._instance_field = MAVLink_available_modes_monitor_message.instance_field
+        self._instance_offset = MAVLink_available_modes_monitor_message.instance_offset
+        self.seq = seq
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.seq), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_available_modes_monitor_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_leonav_nav_state_message(MAVLink_message):
@@ -1913,13 +2954,72 @@ class MAVLink_leonav_time_to_flag_message(MAVLink_message):
 setattr(MAVLink_leonav_time_to_flag_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_link_message(MAVLink_message):
+    """
+    The ground link as flight sees it.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_LINK
+    msgname = "LEONAV_LINK"
+    fieldnames = ["event_sequence", "accepted", "lost", "refused", "alerts_open", "bench", "armed", "table_staged"]
+    ordered_fieldnames = ["event_sequence", "accepted", "lost", "refused", "alerts_open", "bench", "armed", "table_staged"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IIIIIBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 11, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 11, 0, 0, 0, 0]
+    crc_extra = 186
+    unpacker = struct.Struct("<III11IIBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, event_sequence: int, accepted: int, lost: int, refused: Sequence[int], alerts_open: int, bench: int, armed: int, table_staged: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_link_message.id, MAVLink_leonav_link_message.msgname)
+        self._fieldnames = MAVLink_leonav_link_message.fieldnames
+        self._instance_field = MAVLink_leonav_link_message.instance_field
+        self._instance_offset = MAVLink_leonav_link_message.instance_offset
+        self.event_sequence = event_sequence
+        self.accepted = accepted
+        self.lost = lost
+        self.refused = refused
+        self.alerts_open = alerts_open
+        self.bench = bench
+        self.armed = armed
+        self.table_staged = table_staged
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.event_sequence, self.accepted, self.lost, self.refused[0], self.refused[1], self.refused[2], self.refused[3], self.refused[4], self.refused[5], self.refused[6], self.refused[7], self.refused[8], self.refused[9], self.refused[10], self.alerts_open, self.bench, self.armed, self.table_staged), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_link_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
     MAVLINK_MSG_ID_SYSTEM_TIME: MAVLink_system_time_message,
+    MAVLINK_MSG_ID_PARAM_REQUEST_READ: MAVLink_param_request_read_message,
+    MAVLINK_MSG_ID_PARAM_REQUEST_LIST: MAVLink_param_request_list_message,
+    MAVLINK_MSG_ID_PARAM_VALUE: MAVLink_param_value_message,
+    MAVLINK_MSG_ID_PARAM_SET: MAVLink_param_set_message,
     MAVLINK_MSG_ID_GPS_RAW_INT: MAVLink_gps_raw_int_message,
+    MAVLINK_MSG_ID_COMMAND_INT: MAVLink_command_int_message,
+    MAVLINK_MSG_ID_COMMAND_LONG: MAVLink_command_long_message,
+    MAVLINK_MSG_ID_COMMAND_ACK: MAVLink_command_ack_message,
+    MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: MAVLink_file_transfer_protocol_message,
+    MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
+    MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
     MAVLINK_MSG_ID_ESTIMATOR_STATUS: MAVLink_estimator_status_message,
+    MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
+    MAVLINK_MSG_ID_AVAILABLE_MODES: MAVLink_available_modes_message,
+    MAVLINK_MSG_ID_CURRENT_MODE: MAVLink_current_mode_message,
+    MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: MAVLink_available_modes_monitor_message,
     MAVLINK_MSG_ID_LEONAV_NAV_STATE: MAVLink_leonav_nav_state_message,
     MAVLINK_MSG_ID_LEONAV_INTEGRITY: MAVLink_leonav_integrity_message,
     MAVLINK_MSG_ID_LEONAV_INNOVATION: MAVLink_leonav_innovation_message,
@@ -1928,6 +3028,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_ALERT: MAVLink_leonav_alert_message,
     MAVLINK_MSG_ID_LEONAV_COVARIANCE: MAVLink_leonav_covariance_message,
     MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG: MAVLink_leonav_time_to_flag_message,
+    MAVLINK_MSG_ID_LEONAV_LINK: MAVLink_leonav_link_message,
 }
 
 
@@ -2452,6 +3553,144 @@ class MAVLink(object):
         """
         self.send(self.system_time_encode(time_unix_usec, time_boot_ms), force_mavlink1=force_mavlink1)
 
+    def param_request_read_encode(self, target_system: int, target_component: int, param_id: bytes, param_index: int) -> MAVLink_param_request_read_message:
+        """
+        Request to read the onboard parameter with the param_id string id.
+        Onboard parameters are stored as key[const char*] ->
+        value[float]. This allows to send a parameter to any other
+        component (such as the GCS) without the need of previous
+        knowledge of possible parameter names. Thus the same GCS can
+        store different parameters for different autopilots. See also
+        https://mavlink.io/en/services/parameter.html for a full
+        documentation of QGroundControl and IMU code.
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_index               : Parameter index. Send -1 to use the param ID field as identifier (else the param id will be ignored) (type:int16_t)
+
+        """
+        return MAVLink_param_request_read_message(target_system, target_component, param_id, param_index)
+
+    def param_request_read_send(self, target_system: int, target_component: int, param_id: bytes, param_index: int, force_mavlink1: bool = False) -> None:
+        """
+        Request to read the onboard parameter with the param_id string id.
+        Onboard parameters are stored as key[const char*] ->
+        value[float]. This allows to send a parameter to any other
+        component (such as the GCS) without the need of previous
+        knowledge of possible parameter names. Thus the same GCS can
+        store different parameters for different autopilots. See also
+        https://mavlink.io/en/services/parameter.html for a full
+        documentation of QGroundControl and IMU code.
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_index               : Parameter index. Send -1 to use the param ID field as identifier (else the param id will be ignored) (type:int16_t)
+
+        """
+        self.send(self.param_request_read_encode(target_system, target_component, param_id, param_index), force_mavlink1=force_mavlink1)
+
+    def param_request_list_encode(self, target_system: int, target_component: int) -> MAVLink_param_request_list_message:
+        """
+        Request all parameters of this component. After this request, all
+        parameters are emitted. The parameter microservice is
+        documented at https://mavlink.io/en/services/parameter.html
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+
+        """
+        return MAVLink_param_request_list_message(target_system, target_component)
+
+    def param_request_list_send(self, target_system: int, target_component: int, force_mavlink1: bool = False) -> None:
+        """
+        Request all parameters of this component. After this request, all
+        parameters are emitted. The parameter microservice is
+        documented at https://mavlink.io/en/services/parameter.html
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+
+        """
+        self.send(self.param_request_list_encode(target_system, target_component), force_mavlink1=force_mavlink1)
+
+    def param_value_encode(self, param_id: bytes, param_value: float, param_type: int, param_count: int, param_index: int) -> MAVLink_param_value_message:
+        """
+        Emit the value of a onboard parameter. The inclusion of param_count
+        and param_index in the message allows the recipient to keep
+        track of received parameters and allows him to re-request
+        missing parameters after a loss or timeout. The parameter
+        microservice is documented at
+        https://mavlink.io/en/services/parameter.html
+
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_value               : Onboard parameter value (type:float)
+        param_type                : Onboard parameter type. (type:uint8_t, values:MAV_PARAM_TYPE)
+        param_count               : Total number of onboard parameters (type:uint16_t)
+        param_index               : Index of this onboard parameter (type:uint16_t)
+
+        """
+        return MAVLink_param_value_message(param_id, param_value, param_type, param_count, param_index)
+
+    def param_value_send(self, param_id: bytes, param_value: float, param_type: int, param_count: int, param_index: int, force_mavlink1: bool = False) -> None:
+        """
+        Emit the value of a onboard parameter. The inclusion of param_count
+        and param_index in the message allows the recipient to keep
+        track of received parameters and allows him to re-request
+        missing parameters after a loss or timeout. The parameter
+        microservice is documented at
+        https://mavlink.io/en/services/parameter.html
+
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_value               : Onboard parameter value (type:float)
+        param_type                : Onboard parameter type. (type:uint8_t, values:MAV_PARAM_TYPE)
+        param_count               : Total number of onboard parameters (type:uint16_t)
+        param_index               : Index of this onboard parameter (type:uint16_t)
+
+        """
+        self.send(self.param_value_encode(param_id, param_value, param_type, param_count, param_index), force_mavlink1=force_mavlink1)
+
+    def param_set_encode(self, target_system: int, target_component: int, param_id: bytes, param_value: float, param_type: int) -> MAVLink_param_set_message:
+        """
+        Set a parameter value (write new value to permanent storage).
+        The receiving component should acknowledge the new parameter
+        value by broadcasting a PARAM_VALUE message (broadcasting
+        ensures that multiple GCS all have an up-to-date list of all
+        parameters). If the sending GCS did not receive a PARAM_VALUE
+        within its timeout time, it should re-send the PARAM_SET
+        message. The parameter microservice is documented at
+        https://mavlink.io/en/services/parameter.html.
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_value               : Onboard parameter value (type:float)
+        param_type                : Onboard parameter type. (type:uint8_t, values:MAV_PARAM_TYPE)
+
+        """
+        return MAVLink_param_set_message(target_system, target_component, param_id, param_value, param_type)
+
+    def param_set_send(self, target_system: int, target_component: int, param_id: bytes, param_value: float, param_type: int, force_mavlink1: bool = False) -> None:
+        """
+        Set a parameter value (write new value to permanent storage).
+        The receiving component should acknowledge the new parameter
+        value by broadcasting a PARAM_VALUE message (broadcasting
+        ensures that multiple GCS all have an up-to-date list of all
+        parameters). If the sending GCS did not receive a PARAM_VALUE
+        within its timeout time, it should re-send the PARAM_SET
+        message. The parameter microservice is documented at
+        https://mavlink.io/en/services/parameter.html.
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        param_id                  : Onboard parameter id, terminated by NULL if the length is less than 16 human-readable chars and WITHOUT null termination (NULL) byte if the length is exactly 16 chars - applications have to provide 16+1 bytes storage if the ID is stored as string (type:char)
+        param_value               : Onboard parameter value (type:float)
+        param_type                : Onboard parameter type. (type:uint8_t, values:MAV_PARAM_TYPE)
+
+        """
+        self.send(self.param_set_encode(target_system, target_component, param_id, param_value, param_type), force_mavlink1=force_mavlink1)
+
     def gps_raw_int_encode(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, cog: int, satellites_visible: int, alt_ellipsoid: int = 0, h_acc: int = 0, v_acc: int = 0, vel_acc: int = 0, hdg_acc: int = 0, yaw: int = 0) -> MAVLink_gps_raw_int_message:
         """
         The global position, as returned by the Global Positioning System
@@ -2505,6 +3744,262 @@ class MAVLink(object):
 
         """
         self.send(self.gps_raw_int_encode(time_usec, fix_type, lat, lon, alt, eph, epv, vel, cog, satellites_visible, alt_ellipsoid, h_acc, v_acc, vel_acc, hdg_acc, yaw), force_mavlink1=force_mavlink1)
+
+    def command_int_encode(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float) -> MAVLink_command_int_message:
+        """
+        Message encoding a command with parameters as scaled integers. Scaling
+        depends on the actual command value. The command microservice
+        is documented at https://mavlink.io/en/services/command.html
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        frame                     : The coordinate system of the COMMAND. (type:uint8_t)
+        command                   : The scheduled action for the mission item. (type:uint16_t)
+        current                   : Not used. (type:uint8_t)
+        autocontinue              : Not used (set 0). (type:uint8_t)
+        param1                    : PARAM1, see MAV_CMD enum (type:float)
+        param2                    : PARAM2, see MAV_CMD enum (type:float)
+        param3                    : PARAM3, see MAV_CMD enum (type:float)
+        param4                    : PARAM4, see MAV_CMD enum (type:float)
+        x                         : PARAM5 / local: x position in meters * 1e4, global: latitude in degrees * 10^7 (type:int32_t)
+        y                         : PARAM6 / local: y position in meters * 1e4, global: longitude in degrees * 10^7 (type:int32_t)
+        z                         : PARAM7 / z position: global: altitude in meters (relative or absolute, depending on frame). (type:float)
+
+        """
+        return MAVLink_command_int_message(target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z)
+
+    def command_int_send(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, force_mavlink1: bool = False) -> None:
+        """
+        Message encoding a command with parameters as scaled integers. Scaling
+        depends on the actual command value. The command microservice
+        is documented at https://mavlink.io/en/services/command.html
+
+        target_system             : System ID (type:uint8_t)
+        target_component          : Component ID (type:uint8_t)
+        frame                     : The coordinate system of the COMMAND. (type:uint8_t)
+        command                   : The scheduled action for the mission item. (type:uint16_t)
+        current                   : Not used. (type:uint8_t)
+        autocontinue              : Not used (set 0). (type:uint8_t)
+        param1                    : PARAM1, see MAV_CMD enum (type:float)
+        param2                    : PARAM2, see MAV_CMD enum (type:float)
+        param3                    : PARAM3, see MAV_CMD enum (type:float)
+        param4                    : PARAM4, see MAV_CMD enum (type:float)
+        x                         : PARAM5 / local: x position in meters * 1e4, global: latitude in degrees * 10^7 (type:int32_t)
+        y                         : PARAM6 / local: y position in meters * 1e4, global: longitude in degrees * 10^7 (type:int32_t)
+        z                         : PARAM7 / z position: global: altitude in meters (relative or absolute, depending on frame). (type:float)
+
+        """
+        self.send(self.command_int_encode(target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z), force_mavlink1=force_mavlink1)
+
+    def command_long_encode(self, target_system: int, target_component: int, command: int, confirmation: int, param1: float, param2: float, param3: float, param4: float, param5: float, param6: float, param7: float) -> MAVLink_command_long_message:
+        """
+        Send a command with up to seven parameters to the MAV. COMMAND_INT is
+        generally preferred when sending MAV_CMD commands that include
+        positional information; it offers higher precision and allows
+        the MAV_FRAME to be specified (which may otherwise be
+        ambiguous, particularly for altitude). The command
+        microservice is documented at
+        https://mavlink.io/en/services/command.html
+
+        target_system             : System which should execute the command (type:uint8_t)
+        target_component          : Component which should execute the command, 0 for all components (type:uint8_t)
+        command                   : Command ID (of command to send). (type:uint16_t)
+        confirmation              : 0: First transmission of this command. 1-255: Confirmation transmissions (e.g. for kill command) (type:uint8_t)
+        param1                    : Parameter 1 (for the specific command). (type:float)
+        param2                    : Parameter 2 (for the specific command). (type:float)
+        param3                    : Parameter 3 (for the specific command). (type:float)
+        param4                    : Parameter 4 (for the specific command). (type:float)
+        param5                    : Parameter 5 (for the specific command). (type:float)
+        param6                    : Parameter 6 (for the specific command). (type:float)
+        param7                    : Parameter 7 (for the specific command). (type:float)
+
+        """
+        return MAVLink_command_long_message(target_system, target_component, command, confirmation, param1, param2, param3, param4, param5, param6, param7)
+
+    def command_long_send(self, target_system: int, target_component: int, command: int, confirmation: int, param1: float, param2: float, param3: float, param4: float, param5: float, param6: float, param7: float, force_mavlink1: bool = False) -> None:
+        """
+        Send a command with up to seven parameters to the MAV. COMMAND_INT is
+        generally preferred when sending MAV_CMD commands that include
+        positional information; it offers higher precision and allows
+        the MAV_FRAME to be specified (which may otherwise be
+        ambiguous, particularly for altitude). The command
+        microservice is documented at
+        https://mavlink.io/en/services/command.html
+
+        target_system             : System which should execute the command (type:uint8_t)
+        target_component          : Component which should execute the command, 0 for all components (type:uint8_t)
+        command                   : Command ID (of command to send). (type:uint16_t)
+        confirmation              : 0: First transmission of this command. 1-255: Confirmation transmissions (e.g. for kill command) (type:uint8_t)
+        param1                    : Parameter 1 (for the specific command). (type:float)
+        param2                    : Parameter 2 (for the specific command). (type:float)
+        param3                    : Parameter 3 (for the specific command). (type:float)
+        param4                    : Parameter 4 (for the specific command). (type:float)
+        param5                    : Parameter 5 (for the specific command). (type:float)
+        param6                    : Parameter 6 (for the specific command). (type:float)
+        param7                    : Parameter 7 (for the specific command). (type:float)
+
+        """
+        self.send(self.command_long_encode(target_system, target_component, command, confirmation, param1, param2, param3, param4, param5, param6, param7), force_mavlink1=force_mavlink1)
+
+    def command_ack_encode(self, command: int, result: int, progress: int = 0, result_param2: int = 0, target_system: int = 0, target_component: int = 0) -> MAVLink_command_ack_message:
+        """
+        Report status of a command. Includes feedback whether the command was
+        executed. The command microservice is documented at
+        https://mavlink.io/en/services/command.html
+
+        command                   : Command ID (of acknowledged command). (type:uint16_t)
+        result                    : Result of command. (type:uint8_t, values:MAV_RESULT)
+        progress                  : Also used as result_param1, it can be set with a enum containing the errors reasons of why the command was denied or the progress percentage or 255 if unknown the progress when result is MAV_RESULT_IN_PROGRESS. (type:uint8_t)
+        result_param2             : Additional parameter of the result, example: which parameter of MAV_CMD_NAV_WAYPOINT caused it to be denied. (type:int32_t)
+        target_system             : System which requested the command to be executed (type:uint8_t)
+        target_component          : Component which requested the command to be executed (type:uint8_t)
+
+        """
+        return MAVLink_command_ack_message(command, result, progress, result_param2, target_system, target_component)
+
+    def command_ack_send(self, command: int, result: int, progress: int = 0, result_param2: int = 0, target_system: int = 0, target_component: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Report status of a command. Includes feedback whether the command was
+        executed. The command microservice is documented at
+        https://mavlink.io/en/services/command.html
+
+        command                   : Command ID (of acknowledged command). (type:uint16_t)
+        result                    : Result of command. (type:uint8_t, values:MAV_RESULT)
+        progress                  : Also used as result_param1, it can be set with a enum containing the errors reasons of why the command was denied or the progress percentage or 255 if unknown the progress when result is MAV_RESULT_IN_PROGRESS. (type:uint8_t)
+        result_param2             : Additional parameter of the result, example: which parameter of MAV_CMD_NAV_WAYPOINT caused it to be denied. (type:int32_t)
+        target_system             : System which requested the command to be executed (type:uint8_t)
+        target_component          : Component which requested the command to be executed (type:uint8_t)
+
+        """
+        self.send(self.command_ack_encode(command, result, progress, result_param2, target_system, target_component), force_mavlink1=force_mavlink1)
+
+    def file_transfer_protocol_encode(self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]) -> MAVLink_file_transfer_protocol_message:
+        """
+        File transfer protocol message:
+        https://mavlink.io/en/services/ftp.html.
+
+        target_network            : Network ID (0 for broadcast) (type:uint8_t)
+        target_system             : System ID (0 for broadcast) (type:uint8_t)
+        target_component          : Component ID (0 for broadcast) (type:uint8_t)
+        payload                   : Variable length payload. The length is defined by the remaining message length when subtracting the header and other fields. The content/format of this block is defined in https://mavlink.io/en/services/ftp.html. (type:uint8_t)
+
+        """
+        return MAVLink_file_transfer_protocol_message(target_network, target_system, target_component, payload)
+
+    def file_transfer_protocol_send(self, target_network: int, target_system: int, target_component: int, payload: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        File transfer protocol message:
+        https://mavlink.io/en/services/ftp.html.
+
+        target_network            : Network ID (0 for broadcast) (type:uint8_t)
+        target_system             : System ID (0 for broadcast) (type:uint8_t)
+        target_component          : Component ID (0 for broadcast) (type:uint8_t)
+        payload                   : Variable length payload. The length is defined by the remaining message length when subtracting the header and other fields. The content/format of this block is defined in https://mavlink.io/en/services/ftp.html. (type:uint8_t)
+
+        """
+        self.send(self.file_transfer_protocol_encode(target_network, target_system, target_component, payload), force_mavlink1=force_mavlink1)
+
+    def timesync_encode(self, tc1: int, ts1: int) -> MAVLink_timesync_message:
+        """
+        Time synchronization message.             The message is used for both
+        timesync requests and responses.             The request is
+        sent with `ts1=syncing component timestamp` and `tc1=0`, and
+        may be broadcast or targeted to a specific system/component.
+        The response is sent with `ts1=syncing component timestamp`
+        (mirror back unchanged), and `tc1=responding component
+        timestamp`, with the `target_system` and `target_component`
+        set to ids of the original request.             Systems can
+        determine if they are receiving a request or response based on
+        the value of `tc`.             If the response has
+        `target_system==target_component==0` the remote system has not
+        been updated to use the component IDs and cannot reliably
+        timesync; the requester may report an error.
+        Timestamps are UNIX Epoch time or time since system boot in
+        nanoseconds (the timestamp format can be inferred by checking
+        for the magnitude of the number; generally it doesn't matter
+        as only the offset is used).             The message sequence
+        is repeated numerous times with results being
+        filtered/averaged to estimate the offset.             See
+        also: https://mavlink.io/en/services/timesync.html.
+
+        tc1                       : Time sync timestamp 1. Syncing: 0. Responding: Timestamp of responding component. [ns] (type:int64_t)
+        ts1                       : Time sync timestamp 2. Timestamp of syncing component (mirrored in response). [ns] (type:int64_t)
+
+        """
+        return MAVLink_timesync_message(tc1, ts1)
+
+    def timesync_send(self, tc1: int, ts1: int, force_mavlink1: bool = False) -> None:
+        """
+        Time synchronization message.             The message is used for both
+        timesync requests and responses.             The request is
+        sent with `ts1=syncing component timestamp` and `tc1=0`, and
+        may be broadcast or targeted to a specific system/component.
+        The response is sent with `ts1=syncing component timestamp`
+        (mirror back unchanged), and `tc1=responding component
+        timestamp`, with the `target_system` and `target_component`
+        set to ids of the original request.             Systems can
+        determine if they are receiving a request or response based on
+        the value of `tc`.             If the response has
+        `target_system==target_component==0` the remote system has not
+        been updated to use the component IDs and cannot reliably
+        timesync; the requester may report an error.
+        Timestamps are UNIX Epoch time or time since system boot in
+        nanoseconds (the timestamp format can be inferred by checking
+        for the magnitude of the number; generally it doesn't matter
+        as only the offset is used).             The message sequence
+        is repeated numerous times with results being
+        filtered/averaged to estimate the offset.             See
+        also: https://mavlink.io/en/services/timesync.html.
+
+        tc1                       : Time sync timestamp 1. Syncing: 0. Responding: Timestamp of responding component. [ns] (type:int64_t)
+        ts1                       : Time sync timestamp 2. Timestamp of syncing component (mirrored in response). [ns] (type:int64_t)
+
+        """
+        self.send(self.timesync_encode(tc1, ts1), force_mavlink1=force_mavlink1)
+
+    def autopilot_version_encode(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_autopilot_version_message:
+        """
+        Version and capability of autopilot software. This should be emitted
+        in response to a request with MAV_CMD_REQUEST_MESSAGE.
+
+        capabilities              : Bitmap of capabilities (type:uint64_t, values:MAV_PROTOCOL_CAPABILITY)
+        flight_sw_version         : Firmware version number.
+            The field must be encoded as 4 bytes, where each byte (shown from MSB to LSB) is part of a semantic version: (major) (minor) (patch) (FIRMWARE_VERSION_TYPE). (type:uint32_t)
+        middleware_sw_version        : Middleware version number (type:uint32_t)
+        os_sw_version             : Operating system version number (type:uint32_t)
+        board_version             : HW / board version (last 8 bits should be silicon ID, if any). The first 16 bits of this field specify a board type from an enumeration stored at https://github.com/PX4/PX4-Bootloader/blob/master/board_types.txt and with extensive additions at https://github.com/ArduPilot/ardupilot/blob/master/Tools/AP_Bootloader/board_types.txt (type:uint32_t)
+        flight_custom_version        : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        middleware_custom_version        : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        os_custom_version         : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        vendor_id                 : ID of the board vendor (type:uint16_t)
+        product_id                : ID of the product (type:uint16_t)
+        uid                       : UID if provided by hardware (see uid2) (type:uint64_t)
+        uid2                      : UID if provided by hardware (supersedes the uid field. If this is non-zero, use this field, otherwise use uid) (type:uint8_t)
+
+        """
+        return MAVLink_autopilot_version_message(capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, flight_custom_version, middleware_custom_version, os_custom_version, vendor_id, product_id, uid, uid2)
+
+    def autopilot_version_send(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool = False) -> None:
+        """
+        Version and capability of autopilot software. This should be emitted
+        in response to a request with MAV_CMD_REQUEST_MESSAGE.
+
+        capabilities              : Bitmap of capabilities (type:uint64_t, values:MAV_PROTOCOL_CAPABILITY)
+        flight_sw_version         : Firmware version number.
+            The field must be encoded as 4 bytes, where each byte (shown from MSB to LSB) is part of a semantic version: (major) (minor) (patch) (FIRMWARE_VERSION_TYPE). (type:uint32_t)
+        middleware_sw_version        : Middleware version number (type:uint32_t)
+        os_sw_version             : Operating system version number (type:uint32_t)
+        board_version             : HW / board version (last 8 bits should be silicon ID, if any). The first 16 bits of this field specify a board type from an enumeration stored at https://github.com/PX4/PX4-Bootloader/blob/master/board_types.txt and with extensive additions at https://github.com/ArduPilot/ardupilot/blob/master/Tools/AP_Bootloader/board_types.txt (type:uint32_t)
+        flight_custom_version        : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        middleware_custom_version        : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        os_custom_version         : Custom version field, commonly the first 8 bytes of the git hash. This is not an unique identifier, but should allow to identify the commit using the main version number even for very large code bases. (type:uint8_t)
+        vendor_id                 : ID of the board vendor (type:uint16_t)
+        product_id                : ID of the product (type:uint16_t)
+        uid                       : UID if provided by hardware (see uid2) (type:uint64_t)
+        uid2                      : UID if provided by hardware (supersedes the uid field. If this is non-zero, use this field, otherwise use uid) (type:uint8_t)
+
+        """
+        self.send(self.autopilot_version_encode(capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, flight_custom_version, middleware_custom_version, os_custom_version, vendor_id, product_id, uid, uid2), force_mavlink1=force_mavlink1)
 
     def estimator_status_encode(self, time_usec: int, flags: int, vel_ratio: float, pos_horiz_ratio: float, pos_vert_ratio: float, mag_ratio: float, hagl_ratio: float, tas_ratio: float, pos_horiz_accuracy: float, pos_vert_accuracy: float) -> MAVLink_estimator_status_message:
         """
@@ -2568,6 +4063,38 @@ class MAVLink(object):
         """
         self.send(self.estimator_status_encode(time_usec, flags, vel_ratio, pos_horiz_ratio, pos_vert_ratio, mag_ratio, hagl_ratio, tas_ratio, pos_horiz_accuracy, pos_vert_accuracy), force_mavlink1=force_mavlink1)
 
+    def message_interval_encode(self, message_id: int, interval_us: int) -> MAVLink_message_interval_message:
+        """
+        The interval between messages for a particular MAVLink message ID.
+        This message is sent in response to the
+        MAV_CMD_REQUEST_MESSAGE command with param1=244 (this message)
+        and param2=message_id (the id of the message for which the
+        interval is required).         It may also be sent in response
+        to MAV_CMD_GET_MESSAGE_INTERVAL.         This interface
+        replaces DATA_STREAM.
+
+        message_id                : The ID of the requested MAVLink message. v1.0 is limited to 254 messages. (type:uint16_t)
+        interval_us               : The interval between two messages. A value of -1 indicates this stream is disabled, 0 indicates it is not available, > 0 indicates the interval at which it is sent. [us] (type:int32_t)
+
+        """
+        return MAVLink_message_interval_message(message_id, interval_us)
+
+    def message_interval_send(self, message_id: int, interval_us: int, force_mavlink1: bool = False) -> None:
+        """
+        The interval between messages for a particular MAVLink message ID.
+        This message is sent in response to the
+        MAV_CMD_REQUEST_MESSAGE command with param1=244 (this message)
+        and param2=message_id (the id of the message for which the
+        interval is required).         It may also be sent in response
+        to MAV_CMD_GET_MESSAGE_INTERVAL.         This interface
+        replaces DATA_STREAM.
+
+        message_id                : The ID of the requested MAVLink message. v1.0 is limited to 254 messages. (type:uint16_t)
+        interval_us               : The interval between two messages. A value of -1 indicates this stream is disabled, 0 indicates it is not available, > 0 indicates the interval at which it is sent. [us] (type:int32_t)
+
+        """
+        self.send(self.message_interval_encode(message_id, interval_us), force_mavlink1=force_mavlink1)
+
     def statustext_encode(self, severity: int, text: bytes, id: int = 0, chunk_seq: int = 0) -> MAVLink_statustext_message:
         """
         Status text message. These messages are printed in yellow in the COMM
@@ -2599,6 +4126,102 @@ class MAVLink(object):
 
         """
         self.send(self.statustext_encode(severity, text, id, chunk_seq), force_mavlink1=force_mavlink1)
+
+    def available_modes_encode(self, number_modes: int, mode_index: int, standard_mode: int, custom_mode: int, properties: int, mode_name: bytes) -> MAVLink_available_modes_message:
+        """
+        Get information about a particular flight modes.             The
+        message can be enumerated or requested for a particular mode
+        using MAV_CMD_REQUEST_MESSAGE.             Specify 0 in param2
+        to request that the message is emitted for all available modes
+        or the specific index for just one mode.             The modes
+        must be available/settable for the current vehicle/frame type.
+        Each modes should only be emitted once (even if it is both
+        standard and custom).
+
+        number_modes              : The total number of available modes for the current vehicle type. (type:uint8_t)
+        mode_index                : The current mode index within number_modes, indexed from 1. (type:uint8_t)
+        standard_mode             : Standard mode. (type:uint8_t, values:MAV_STANDARD_MODE)
+        custom_mode               : A bitfield for use for autopilot-specific flags (type:uint32_t)
+        properties                : Mode properties. (type:uint32_t, values:MAV_MODE_PROPERTY)
+        mode_name                 : Name of custom mode, with null termination character. Should be omitted for standard modes. (type:char)
+
+        """
+        return MAVLink_available_modes_message(number_modes, mode_index, standard_mode, custom_mode, properties, mode_name)
+
+    def available_modes_send(self, number_modes: int, mode_index: int, standard_mode: int, custom_mode: int, properties: int, mode_name: bytes, force_mavlink1: bool = False) -> None:
+        """
+        Get information about a particular flight modes.             The
+        message can be enumerated or requested for a particular mode
+        using MAV_CMD_REQUEST_MESSAGE.             Specify 0 in param2
+        to request that the message is emitted for all available modes
+        or the specific index for just one mode.             The modes
+        must be available/settable for the current vehicle/frame type.
+        Each modes should only be emitted once (even if it is both
+        standard and custom).
+
+        number_modes              : The total number of available modes for the current vehicle type. (type:uint8_t)
+        mode_index                : The current mode index within number_modes, indexed from 1. (type:uint8_t)
+        standard_mode             : Standard mode. (type:uint8_t, values:MAV_STANDARD_MODE)
+        custom_mode               : A bitfield for use for autopilot-specific flags (type:uint32_t)
+        properties                : Mode properties. (type:uint32_t, values:MAV_MODE_PROPERTY)
+        mode_name                 : Name of custom mode, with null termination character. Should be omitted for standard modes. (type:char)
+
+        """
+        self.send(self.available_modes_encode(number_modes, mode_index, standard_mode, custom_mode, properties, mode_name), force_mavlink1=force_mavlink1)
+
+    def current_mode_encode(self, standard_mode: int, custom_mode: int, intended_custom_mode: int) -> MAVLink_current_mode_message:
+        """
+        Get the current mode.             This should be emitted on any mode
+        change, and broadcast at low rate (nominally 0.5 Hz).
+        It may be requested using MAV_CMD_REQUEST_MESSAGE.
+
+        standard_mode             : Standard mode. (type:uint8_t, values:MAV_STANDARD_MODE)
+        custom_mode               : A bitfield for use for autopilot-specific flags (type:uint32_t)
+        intended_custom_mode        : The custom_mode of the mode that was last commanded by the user (for example, with MAV_CMD_DO_SET_STANDARD_MODE, MAV_CMD_DO_SET_MODE or via RC). This should usually be the same as custom_mode. It will be different if the vehicle is unable to enter the intended mode, or has left that mode due to a failsafe condition. 0 indicates the intended custom mode is unknown/not supplied (type:uint32_t)
+
+        """
+        return MAVLink_current_mode_message(standard_mode, custom_mode, intended_custom_mode)
+
+    def current_mode_send(self, standard_mode: int, custom_mode: int, intended_custom_mode: int, force_mavlink1: bool = False) -> None:
+        """
+        Get the current mode.             This should be emitted on any mode
+        change, and broadcast at low rate (nominally 0.5 Hz).
+        It may be requested using MAV_CMD_REQUEST_MESSAGE.
+
+        standard_mode             : Standard mode. (type:uint8_t, values:MAV_STANDARD_MODE)
+        custom_mode               : A bitfield for use for autopilot-specific flags (type:uint32_t)
+        intended_custom_mode        : The custom_mode of the mode that was last commanded by the user (for example, with MAV_CMD_DO_SET_STANDARD_MODE, MAV_CMD_DO_SET_MODE or via RC). This should usually be the same as custom_mode. It will be different if the vehicle is unable to enter the intended mode, or has left that mode due to a failsafe condition. 0 indicates the intended custom mode is unknown/not supplied (type:uint32_t)
+
+        """
+        self.send(self.current_mode_encode(standard_mode, custom_mode, intended_custom_mode), force_mavlink1=force_mavlink1)
+
+    def available_modes_monitor_encode(self, seq: int) -> MAVLink_available_modes_monitor_message:
+        """
+        A change to the sequence number indicates that the set of
+        AVAILABLE_MODES has changed.             A receiver must re-
+        request all available modes whenever the sequence number
+        changes.             This is only emitted after the first
+        change and should then be broadcast at low rate (nominally 0.3
+        Hz) and on change.
+
+        seq                       : Sequence number. The value iterates sequentially whenever AVAILABLE_MODES changes (e.g. support for a new mode is added/removed dynamically). (type:uint8_t)
+
+        """
+        return MAVLink_available_modes_monitor_message(seq)
+
+    def available_modes_monitor_send(self, seq: int, force_mavlink1: bool = False) -> None:
+        """
+        A change to the sequence number indicates that the set of
+        AVAILABLE_MODES has changed.             A receiver must re-
+        request all available modes whenever the sequence number
+        changes.             This is only emitted after the first
+        change and should then be broadcast at low rate (nominally 0.3
+        Hz) and on change.
+
+        seq                       : Sequence number. The value iterates sequentially whenever AVAILABLE_MODES changes (e.g. support for a new mode is added/removed dynamically). (type:uint8_t)
+
+        """
+        self.send(self.available_modes_monitor_encode(seq), force_mavlink1=force_mavlink1)
 
     def leonav_nav_state_encode(self, t_gps_ns: int, r_gcrf_m: Sequence[float], v_gcrf_mps: Sequence[float], mode: int, validity: int, flag_state: int) -> MAVLink_leonav_nav_state_message:
         """
@@ -2857,3 +4480,35 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_time_to_flag_encode(t_gps_ns, time_to_flag_s, prediction_age_s, governing, in_outage), force_mavlink1=force_mavlink1)
+
+    def leonav_link_encode(self, event_sequence: int, accepted: int, lost: int, refused: Sequence[int], alerts_open: int, bench: int, armed: int, table_staged: int) -> MAVLink_leonav_link_message:
+        """
+        The ground link as flight sees it.
+
+        event_sequence            : Sequence of the newest LEONAV_ALERT: what is missing is asked for with LEONAV_CMD_REQUEST_EVENTS. (type:uint32_t)
+        accepted                  : Messages from the ground that were taken. (type:uint32_t)
+        lost                      : Messages to the ground that no socket took. (type:uint32_t)
+        refused                   : Messages from the ground that were refused, by LEONAV_LINK_REFUSAL. (type:uint32_t)
+        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint32_t)
+        bench                     : 1: unsigned commands are taken (bench profile). (type:uint8_t)
+        armed                     : 1: a raised flag withdraws the state. (type:uint8_t)
+        table_staged              : 1: a navigation table is staged, 2: the active one is on trial. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_link_message(event_sequence, accepted, lost, refused, alerts_open, bench, armed, table_staged)
+
+    def leonav_link_send(self, event_sequence: int, accepted: int, lost: int, refused: Sequence[int], alerts_open: int, bench: int, armed: int, table_staged: int, force_mavlink1: bool = False) -> None:
+        """
+        The ground link as flight sees it.
+
+        event_sequence            : Sequence of the newest LEONAV_ALERT: what is missing is asked for with LEONAV_CMD_REQUEST_EVENTS. (type:uint32_t)
+        accepted                  : Messages from the ground that were taken. (type:uint32_t)
+        lost                      : Messages to the ground that no socket took. (type:uint32_t)
+        refused                   : Messages from the ground that were refused, by LEONAV_LINK_REFUSAL. (type:uint32_t)
+        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint32_t)
+        bench                     : 1: unsigned commands are taken (bench profile). (type:uint8_t)
+        armed                     : 1: a raised flag withdraws the state. (type:uint8_t)
+        table_staged              : 1: a navigation table is staged, 2: the active one is on trial. (type:uint8_t)
+
+        """
+        self.send(self.leonav_link_encode(event_sequence, accepted, lost, refused, alerts_open, bench, armed, table_staged), force_mavlink1=force_mavlink1)

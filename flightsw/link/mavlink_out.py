@@ -45,6 +45,18 @@ class MavlinkOut:
             self, srcSystem=SYSTEM_ID, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1, use_native=False
         )
 
+    def sign(self, key: bytes | None, stamp: int) -> None:
+        """Sign what is sent from now on with this key and stamps not below this one; None: not at all."""
+        signing = self.mav.signing
+        signing.secret_key = key
+        signing.sign_outgoing = key is not None
+        if stamp > signing.timestamp:
+            signing.timestamp = stamp
+
+    def note_received(self, unix_ns: int, frame: bytes) -> None:
+        """Enter a frame of the ground into the journal: flight's answers depend on it."""
+        self._journal.link(unix_ns, frame)
+
     def write(self, message: bytes | bytearray) -> None:
         """Called by pymavlink with every packed message."""
         self.messages += 1

@@ -1,4 +1,4 @@
-"""Record to message: what the ground is told, and how often. Every integer is saturated before it is packed."""
+"""Record to message: what the ground is told. Every integer is saturated before it is packed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _SYSTEM_STATUS = {
 }
 # places of the upper triangle of a 6x6 matrix, row by row
 _TRIANGLE = tuple(6 * row + column for row in range(6) for column in range(row, 6))
-_GPS = m.MAV_SYS_STATUS_SENSOR_GPS
+_GPS, _AHRS, _LOGGING = m.MAV_SYS_STATUS_SENSOR_GPS, m.MAV_SYS_STATUS_AHRS, m.MAV_SYS_STATUS_LOGGING
+_PRESENT = _GPS | _AHRS | _LOGGING
 _FIX_TYPES = {
     int(FixType.FIX_2D): m.GPS_FIX_TYPE_2D_FIX,
     int(FixType.FIX_3D): m.GPS_FIX_TYPE_3D_FIX,
@@ -42,7 +43,7 @@ def _u32(value: float) -> int:
 
 
 class Telemetry:
-    """Flight's messages. The main loop calls each method at the rate its table gives."""
+    """Flight's messages. `downlink` calls each method at its rate."""
 
     __slots__ = ("_at", "_geodetic", "_geodetic_in", "_out", "_table")
 
@@ -72,16 +73,30 @@ class Telemetry:
         if active:
             self._out.mav.statustext_send(severity, text)
 
-    def state(self, out: tuple[float, ...], alerts: int, verdict: int, validity: int) -> None:
-        """LEONAV_NAV_STATE and LEONAV_INTEGRITY."""
+    def alert_again(self, sequence: int, t_gps_ns: int, alert_id: int, active: int, value: float) -> None:
+        """LEONAV_ALERT of an event that has been told before."""
+        severity, _ = _TEXTS[alert_id]
+        self._out.mav.leonav_alert_send(t_gps_ns, _u32(sequence), value, alert_id, severity, active)
+
+    def nav_state(self, out: tuple[float, ...], validity: int) -> None:
+        """LEONAV_NAV_STATE."""
         at = self._at
         r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
-        t_gps_ns, mode, flag = int(out[at["t_gps_ns"]]), int(out[at["mode"]]), int(out[at["flag"]])
+        self._out.mav.leonav_nav_state_send(
+            int(out[at["t_gps_ns"]]),
+            out[r : r + 3],
+            out[v : v + 3],
+            int(out[at["mode"]]),
+            validity,
+            int(out[at["flag"]]),
+        )
+
+    def integrity(self, out: tuple[float, ...], alerts: int, verdict: int) -> None:
+        """LEONAV_INTEGRITY."""
+        at = self._at
         crc32, _schema, _name, certificate = self._table
-        mav = self._out.mav
-        mav.leonav_nav_state_send(t_gps_ns, out[r : r + 3], out[v : v + 3], mode, validity, flag)
-        mav.leonav_integrity_send(
-            t_gps_ns,
+        self._out.mav.leonav_integrity_send(
+            int(out[at["t_gps_ns"]]),
             out[at["bound_m"]],
             out[at["limit_m"]],
             out[at["bound_3d_m"]],
@@ -91,8 +106,8 @@ class Telemetry:
             alerts,
             crc32,
             _u16(out[at["streak"]]),
-            mode,
-            flag,
+            int(out[at["mode"]]),
+            int(out[at["flag"]]),
             verdict,
             int(out[at["driver"]]),
             certificate,
@@ -100,39 +115,42 @@ class Telemetry:
             int(out[at["da_source"]]),
         )
 
-    def status(
-        self,
-        out: tuple[float, ...],
-        fix: tuple[float, ...],
-        inputs: np.ndarray,
-        unix_ns: int,
-        boot_ns: int,
-        rejected: int,
-    ) -> None:
-        """HEARTBEAT, SYS_STATUS, SYSTEM_TIME, and of the last fix GPS_RAW_INT, ESTIMATOR_STATUS, LEONAV_INNOVATION.
-
-        `fix` is the output record of the step that took the last fix, `inputs` its input, one record.
-        """
+    def heartbeat(self, out: tuple[float, ...], armed: bool) -> None:
+        """HEARTBEAT: armed is the failure flag."""
         at = self._at
         mode, flag = int(out[at["mode"]]), int(out[at["flag"]])
-        healthy = flag == FlagState.CLEAR and mode != Mode.INIT
-        correcting = out[at["outage_age_s"]] == 0.0 and mode != Mode.INIT
-        mav = self._out.mav
-        mav.heartbeat_send(
+        healthy = flag == FlagState.CLEAR or mode == Mode.INIT
+        self._out.mav.heartbeat_send(
             m.MAV_TYPE_SPACECRAFT_ORBITER,
             m.MAV_AUTOPILOT_GENERIC,
-            m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (m.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0),
             mode,
-            _SYSTEM_STATUS[mode] if healthy or mode == Mode.INIT else m.MAV_STATE_CRITICAL,
+            _SYSTEM_STATUS[mode] if healthy else m.MAV_STATE_CRITICAL,
         )
-        mav.sys_status_send(_GPS, _GPS, _GPS if correcting else 0, 0, _UNKNOWN, -1, -1, 0, _u16(rejected), 0, 0, 0, 0)
-        mav.system_time_send(unix_ns // 1000, (boot_ns // 1_000_000) & _U32)
-        if fix[at["fix_gps_ns"]] == 0:
-            return
-        self._fix(fix, inputs, unix_ns)
 
-    def _fix(self, fix: tuple[float, ...], inputs: np.ndarray, unix_ns: int) -> None:
-        at, mav = self._at, self._out.mav
+    def sys_status(self, out: tuple[float, ...], rejected: int, logging: bool, bus: bool) -> None:
+        """SYS_STATUS. Health: GPS, fixes are accepted; AHRS, the state may be used; LOGGING, the journal is whole.
+
+        errors_comm: everything that was refused; errors_count1: 1 while the sensor bus is off.
+        """
+        at = self._at
+        initialised = int(out[at["mode"]]) != Mode.INIT
+        correcting = initialised and out[at["outage_age_s"]] == 0.0
+        usable = initialised and int(out[at["flag"]]) == FlagState.CLEAR
+        health = (_GPS if correcting else 0) | (_AHRS if usable else 0) | (_LOGGING if logging else 0)
+        self._out.mav.sys_status_send(
+            _PRESENT, _PRESENT, health, 0, _UNKNOWN, -1, -1, 0, _u16(rejected), 0 if bus else 1, 0, 0, 0
+        )
+
+    def system_time(self, unix_ns: int, boot_ns: int) -> None:
+        """SYSTEM_TIME."""
+        self._out.mav.system_time_send(unix_ns // 1000, (boot_ns // 1_000_000) & _U32)
+
+    def gps_raw(self, fix: tuple[float, ...], inputs: np.ndarray, unix_ns: int) -> None:
+        """GPS_RAW_INT of the last fix. `inputs`: what the step that took it was told, one record."""
+        if fix[self._at["fix_gps_ns"]] == 0:
+            return
+        mav = self._out.mav
         self._geodetic_in[:] = inputs["fix_r_itrf_m"][0]
         geodetic(self._geodetic_in, self._geodetic)
         latitude, longitude, height_m = (float(value) for value in self._geodetic)
@@ -154,6 +172,12 @@ class Telemetry:
             v_acc=_u32(sigma_r_m * 1e3),
             vel_acc=_u32(sigma_v_mps * 1e3),
         )
+
+    def estimator(self, fix: tuple[float, ...], unix_ns: int) -> None:
+        """ESTIMATOR_STATUS. `fix`: the output record of the step that took the last fix."""
+        at, mav = self._at, self._out.mav
+        if fix[at["fix_gps_ns"]] == 0:
+            return
         ratio = math.sqrt(fix[at["nis"]] / fix[at["gate"]]) if fix[at["gate"]] > 0.0 else 0.0
         sigma = at["innovation_sigma"]
         used = int(fix[at["fix_used"]])
@@ -169,7 +193,14 @@ class Telemetry:
             fix[sigma],
             fix[sigma + 2],
         )
-        innovation = at["innovation"]
+
+    def innovation(self, fix: tuple[float, ...]) -> None:
+        """LEONAV_INNOVATION of the last fix."""
+        at, mav = self._at, self._out.mav
+        if fix[at["fix_gps_ns"]] == 0:
+            return
+        innovation, sigma = at["innovation"], at["innovation_sigma"]
+        used = int(fix[at["fix_used"]])
         cause = int(fix[at["fix_cause"]])
         mav.leonav_innovation_send(
             int(fix[at["fix_gps_ns"]]),
@@ -217,3 +248,17 @@ class Telemetry:
         """LEONAV_TABLE_STATUS of the navigation table in force."""
         crc32, schema_hash, set_name, certificate = self._table
         self._out.mav.leonav_table_status_send(crc32, schema_hash, set_name, kind, certificate)
+
+    def link(
+        self,
+        event_sequence: int,
+        accepted: int,
+        lost: int,
+        refused: list[int],
+        alerts_open: int,
+        state: tuple[int, int, int],
+    ) -> None:
+        """LEONAV_LINK. state: bench profile, flag armed, table staged."""
+        self._out.mav.leonav_link_send(
+            _u32(event_sequence), _u32(accepted), _u32(lost), [_u32(count) for count in refused], alerts_open, *state
+        )

@@ -230,6 +230,12 @@ def adopt(nav, table, t_gps_ns, slot, work, out):
         nav.excluded[excluded] = 1
         nav.monitor_good[excluded] = 0
         nav.monitor_sum[excluded, :] = 0.0
+    # Where the gate refuses positions the state is off by what they say, however late the onset: left out, the next
+    # position would be taken for a velocity.
+    refused2 = 0.0
+    if out.type_cause[_POSITION] == _GATE:
+        for i in range(3):
+            refused2 += work.innovation_type[_POSITION, i] ** 2
     found2 = 0.0
     for i in range(3):
         size = work.residual[i]
@@ -240,6 +246,8 @@ def adopt(nav, table, t_gps_ns, slot, work, out):
         widen(table, work.UD, c, share_r, share_v, opening * opening * found2 + sigma * sigma, work)
         if kind == monitor.MANOEUVRE:  # its course since the onset is not known
             widen(table, work.UD, c, share_r, 0.0, _COURSE * _COURSE * found2, work)
+        if kind == monitor.MANOEUVRE and refused2 > 0.0:
+            widen(table, work.UD, c, 1.0, 0.0, refused2, work)
 
 
 @kernel

@@ -146,6 +146,21 @@ def _obey(nav, table, inp):
         nav.rejected[_COMMAND_INVALID] += 1
 
 
+@kernel
+def _end_watch(nav, table, model, work, out):
+    """Fixes have ended, used or refused: what they spoke for cannot be settled any more.
+
+    A manoeuvre in doubt is taken for one, uncertain as it is: the outage begins with a bound that covers it.
+    """
+    slot = monitor.manoeuvre_in_doubt(nav, nav.t_gps_ns, work)
+    if slot != monitor.NOTHING:
+        work.x[:] = nav.x
+        work.UD[:, :] = nav.UD
+        flight_filter.adopt(nav, table, nav.t_gps_ns, slot, work, out)
+        chain.commit_aside(nav, table, model, nav.t_gps_ns, work)
+    monitor.forget(nav)
+
+
 @entry(
     records(NAV),
     records(INPUT),
@@ -231,13 +246,8 @@ def step(
     coasting = age_s > table.autonomous_after_s
     if coasting:
         nav.streak = 0
-        slot = monitor.manoeuvre_in_doubt(nav, nav.t_gps_ns, work)
-        if slot != monitor.NOTHING:  # no fix will settle it: the state takes it as one, uncertain as it is
-            work.x[:] = nav.x
-            work.UD[:, :] = nav.UD
-            flight_filter.adopt(nav, table, nav.t_gps_ns, slot, work, out)
-            chain.commit_aside(nav, table, model, nav.t_gps_ns, work)
-        monitor.forget(nav)
+        if (t_now - nav.t_seen_gps_ns) * 1e-9 > table.autonomous_after_s:
+            _end_watch(nav, table, model, work, out)
         nav.da_bin = -1  # the passage of a bin of stored dA ends with the fixes
     nav.mode = next_mode(nav.mode, nav.initialised, nav.flag, coasting, nav.streak >= table.integrated_after_fixes)
     publish(nav, table, model, t_now, work, out)

@@ -153,12 +153,17 @@ class EpochAssembly:
 
     def take_command(self, frame: bytearray) -> None:
         """One NAV_COMMAND frame, checked by the codec."""
+        command = _NAV_COMMAND.unpack(frame)
+        self.put_command(int(command[0]), int(command[1]), int(command[2]))
+
+    def put_command(self, command: int, target: int, value: int) -> bool:
+        """One command, from the bus or the ground; False where the tick holds no more."""
         index = self._claim()
         if index < 0:
-            return
-        command = _NAV_COMMAND.unpack(frame)
+            return False
         fields = self._fields
         fields["command_present"][index] = 1
-        fields["command_id"][index] = command[0]
-        fields["command_target"][index] = command[1]
-        fields["command_value"][index] = command[2]
+        fields["command_id"][index] = command
+        fields["command_target"][index] = target
+        fields["command_value"][index] = value
+        return True

@@ -77,6 +77,7 @@ class TableService:
         self._capture: Capture | None = None
         self._job: Iterator[None] | None = None
         self._swap = False
+        self._give_up = False
         self._slices = 0
 
     @property
@@ -89,7 +90,7 @@ class TableService:
     def stage(self, raw: bytes, t_now_gps_ns: int, older: bool = False, activate: bool = False) -> None:
         """Begin to validate and store an upload; the slack goes on with it. activate: as soon as it is staged."""
         if self.on_trial:
-            self._refuse("a table is on trial; send it again after that")
+            self.refuse("a table is on trial; send it again after that")
             return
         self.staged, self._swap = None, False
         self._job = self._stage(raw, t_now_gps_ns, self._policy._replace(older=older), activate)
@@ -99,6 +100,12 @@ class TableService:
         if self.staged is None:
             raise TableRefused("no table is staged")
         self._swap = True
+
+    def give_up_trial(self) -> None:
+        """Take the table on trial back before the next tick. Raises TableRefused where none is on trial."""
+        if not self.on_trial:
+            raise TableRefused("no table is on trial")
+        self._give_up = True
 
     def dump(self) -> bytes:
         """The table that flies, as a file, read back from the record that the compiled step reads."""
@@ -120,6 +127,9 @@ class TableService:
     def between_ticks(self, flag: int, bound_m: float, happened: int) -> None:
         """Judge the trial by the tick that has passed, or carry out a swap. Cheap where there is nothing to do."""
         if self.before is not None:
+            if self._give_up:
+                self._roll_back("the ground asked for it")
+                return
             self._judge(flag, bound_m, happened)
         elif self._swap and self.staged is not None:
             self._activate(self.staged, flag)
@@ -130,7 +140,7 @@ class TableService:
         if self._had_state:
             self._capture = Capture(self._nav, self.active.crc32)
             self._capture.take()
-        self.before, self.active = self.active, table
+        self.before, self.active, self._give_up = self.active, table, False
         self._trial = self._trial_ticks
         self._flying.fly_table(table, int(table.values["tuning_rows"][0]) - 1)
         if self.read_back_differs():
@@ -182,10 +192,10 @@ class TableService:
                 self._job = None
             except TableRefused as error:
                 self._job = None
-                self._refuse(str(error))
+                self.refuse(str(error))
             except OSError as error:
                 self._job = None
-                self._refuse(f"cannot be stored ({error.strerror})")
+                self.refuse(f"cannot be stored ({error.strerror})")
             return
         self._slices += 1
         if self._upload_folder is not None and self._slices % _POLL_SLICES == 0 and not self.on_trial:
@@ -215,6 +225,7 @@ class TableService:
         store.point(slot, table)
         self._slot = slot
 
-    def _refuse(self, reason: str) -> None:
+    def refuse(self, reason: str) -> None:
+        """Tell that an upload is not taken, and why."""
         self.reason = f"refused: {reason}"
         self._flying.note(AlertId.TABLE_REFUSED)

@@ -28,34 +28,39 @@ Chunk = tuple[int, int]
 Advance = Callable[[int], None]
 
 
+Work = Callable[[Any, int, int], Arrays]
+
+
 def fly_chunk(flight: Flight, first: int, last: int) -> Arrays:
-    """Figures of runs first to last, stacked. What a worker does."""
+    """Figures of runs first to last, stacked. What a worker does for a campaign of outages."""
     return store.stacked(fly(flight, run) for run in range(first, last + 1))
 
 
 def complete(
     folder: Path,
-    flight: Flight,
+    flight: Any,
     runs: int,
     advance: Advance,
     jobs: int = 1,
     dask: str | None = None,
     chunk_runs: int = CHUNK_RUNS,
+    work: Work = fly_chunk,
 ) -> Arrays:
     """Fly what the folder lacks of runs 0 to runs - 1; figures of all of them, also written as one file.
 
-    advance is told how many runs came in. dask: address of a scheduler, for example tcp://host:8786. Raises
-    OperatorError; after KeyboardInterrupt finished chunks are kept and the same call goes on.
+    advance is told how many runs came in. work(flight, first, last): figures of a chunk, a function of a module;
+    whatever it flies, a run must draw from its own number alone. dask: address of a scheduler, for example
+    tcp://host:8786. Raises OperatorError; after KeyboardInterrupt finished chunks are kept and the same call goes on.
     """
     lacking = store.missing(folder, runs)
     advance(runs - len(lacking))
     chunks = store.chunked(lacking, chunk_runs)
     if dask is not None:
-        flown = _on_dask(dask, flight, chunks)
+        flown = _on_dask(dask, flight, chunks, work)
     elif jobs > 1 and len(chunks) > 1:
-        flown = _in_pool(min(jobs, len(chunks)), flight, chunks)
+        flown = _in_pool(min(jobs, len(chunks)), flight, chunks, work)
     else:
-        flown = _here(flight, chunks)
+        flown = _here(flight, chunks, work)
     for (first, last), figures in flown:
         store.save_chunk(folder, first, last, figures)
         advance(last - first + 1)
@@ -64,14 +69,14 @@ def complete(
     return figures
 
 
-def _here(flight: Flight, chunks: list[Chunk]) -> Iterator[tuple[Chunk, Arrays]]:
+def _here(flight: Any, chunks: list[Chunk], work: Work) -> Iterator[tuple[Chunk, Arrays]]:
     if chunks:
         warm_up()
     for chunk in chunks:
-        yield chunk, fly_chunk(flight, *chunk)
+        yield chunk, work(flight, *chunk)
 
 
-def _in_pool(jobs: int, flight: Flight, chunks: list[Chunk]) -> Iterator[tuple[Chunk, Arrays]]:
+def _in_pool(jobs: int, flight: Any, chunks: list[Chunk], work: Work) -> Iterator[tuple[Chunk, Arrays]]:
     warm_up()  # kernels are compiled once, here; workers find them in the cache
     waiting = list(reversed(chunks))
     deaths = 0
@@ -84,7 +89,7 @@ def _in_pool(jobs: int, flight: Flight, chunks: list[Chunk]) -> Iterator[tuple[C
             while waiting or flying:
                 while waiting and len(flying) < 2 * jobs:
                     chunk = waiting[-1]
-                    flying[executor.submit(fly_chunk, flight, *chunk)] = chunk  # raises, too, when the pool has died
+                    flying[executor.submit(work, flight, *chunk)] = chunk  # raises, too, when the pool has died
                     waiting.pop()
                 done, _ = wait(flying, return_when=FIRST_COMPLETED)
                 for future in sorted(done, key=lambda one: flying[one]):
@@ -111,7 +116,7 @@ def _make_ready(parent: int) -> None:
     warm_up()
 
 
-def _on_dask(address: str, flight: Flight, chunks: list[Chunk]) -> Iterator[tuple[Chunk, Arrays]]:
+def _on_dask(address: str, flight: Any, chunks: list[Chunk], work: Work) -> Iterator[tuple[Chunk, Arrays]]:
     try:
         from distributed import Client, as_completed
     except ModuleNotFoundError:
@@ -127,7 +132,7 @@ def _on_dask(address: str, flight: Flight, chunks: list[Chunk]) -> Iterator[tupl
         ) from None
     with client:
         futures: dict[Any, Chunk] = {
-            client.submit(fly_chunk, flight, *chunk, pure=False, retries=_DEATHS_IN_A_ROW): chunk for chunk in chunks
+            client.submit(work, flight, *chunk, pure=False, retries=_DEATHS_IN_A_ROW): chunk for chunk in chunks
         }
         try:
             for future in as_completed(list(futures)):

@@ -22,6 +22,7 @@ def add_arguments(subparsers: Any) -> None:
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--udp", default=DEFAULT_UDP, metavar="HOST:PORT", help=f"listen here (default {DEFAULT_UDP})")
     source.add_argument("--tlog", type=Path, metavar="FILE", help="replay a telemetry log: runs/*/link.tlog")
+    parser.add_argument("--key", type=Path, metavar="FILE", help="verify flight's signatures and sign commands with it")
     parser.add_argument("--speed", type=float, metavar="N", help="replay N times as fast (with --tlog)")
     parser.add_argument(
         "--plain", action="store_true", help="one line a second on standard output; a log is printed at once"
@@ -32,13 +33,18 @@ def run(args: argparse.Namespace) -> int:
     """Open the link and show it. Raises OperatorError for arguments or files that cannot be used."""
     speed = _speed(args)
     address = parse_address(args.udp)
+    if args.key is not None and args.tlog is not None:
+        raise OperatorError("--key: a log is not verified; leave it out with --tlog")
+    from ground.console.authentication import Verifier, read_key
     from ground.console.link import TlogLink, UdpLink
 
     link: TlogLink | UdpLink
     if args.tlog is not None:
         link = TlogLink(args.tlog, speed, time.monotonic)
     else:
-        link = UdpLink(*address, anchored_clock())
+        clock = anchored_clock()
+        verifier = Verifier(read_key(args.key), clock) if args.key is not None else None
+        link = UdpLink(*address, clock, verifier)
     try:
         if not args.plain:
             if not (sys.stdin.isatty() and sys.stdout.isatty()):

@@ -11,14 +11,17 @@ import errno
 import socket
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from flightsw.icd import mavlink
+from ground.console.authentication import Verifier
 from ground.console.text import seconds
 from ground.errors import OperatorError
 
+FLIGHT_SYSTEM = 1
 MAGIC = 0xFD  # MAVLink 2; flight sends nothing else
 HEADER, CHECKSUM, SIGNATURE = 10, 2, 13
 SIGNED = 0x01
@@ -48,6 +51,7 @@ class Statistics:
     damaged: int = 0
     unknown: int = 0
     lost: int = 0
+    unauthenticated: int = 0  # not signed with our key, or heard before: not believed
     last_sequence: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
@@ -74,11 +78,23 @@ class Link(Protocol):
         """Give back the socket or file."""
 
 
+@runtime_checkable
+class Sending(Protocol):
+    """A link that flight can be answered on."""
+
+    verifier: Verifier | None
+
+    def send(self, frame: bytes) -> None:
+        """Offer a frame to flight."""
+
+
 class FrameDecoder:
     """Frames to messages, with the statistics of what could not be used. Keeps no bytes between calls."""
 
-    def __init__(self) -> None:
+    def __init__(self, verifier: Verifier | None = None) -> None:
         self.statistics = Statistics()
+        self._verifier = verifier
+        self.forged = False  # something was heard that could not be authenticated
         # pymavlink keeps state in the parser; only its `decode` of one whole frame is used here.
         self._mavlink = mavlink.MAVLink(None)
 
@@ -111,6 +127,10 @@ class FrameDecoder:
             # Its checksum cannot be verified without the dialect, so nothing of it is believed.
             self.statistics.unknown += 1
             return None
+        if self._verifier is not None and not self._verifier.accept(frame):
+            self.statistics.unauthenticated += 1
+            self.forged = True
+            return None
         self._follow_sequence(message)
         self.statistics.frames += 1
         return message
@@ -137,9 +157,12 @@ class UdpLink:
 
     live = True
 
-    def __init__(self, host: str, port: int, clock: Callable[[], float]) -> None:
+    def __init__(self, host: str, port: int, clock: Callable[[], float], verifier: Verifier | None = None) -> None:
         self._clock = clock
-        self._decoder = FrameDecoder()
+        self.verifier = verifier
+        self.forged_s: float | None = None  # when something was heard last that could not be authenticated
+        self._peer: Any = None  # who speaks for flight: answers go there
+        self._decoder = FrameDecoder(verifier)
         self.statistics = self._decoder.statistics
         try:
             self._socket = _listen(host, port)
@@ -162,14 +185,25 @@ class UdpLink:
         heard: list[Received] = []
         for _ in range(DATAGRAMS_PER_CALL):
             try:
-                data = self._socket.recv(MAX_DATAGRAM)
+                data, address = self._socket.recvfrom(MAX_DATAGRAM)
             except BlockingIOError:
                 break
             except OSError:  # an ICMP error of an earlier datagram; the socket itself stays good
                 continue
             now_s = self._clock()
-            heard += [Received(now_s, message) for message in self._decoder.datagram(data)]
+            messages = list(self._decoder.datagram(data))
+            if self._decoder.forged:
+                self._decoder.forged, self.forged_s = False, now_s
+            heard += [Received(now_s, message) for message in messages]
+            if any(message.get_srcSystem() == FLIGHT_SYSTEM for message in messages):
+                self._peer = address
         return heard
+
+    def send(self, frame: bytes) -> None:
+        """Offer a frame to where flight was last heard from; lost where nothing was heard yet."""
+        if self._peer is not None:
+            with suppress(OSError):
+                self._socket.sendto(frame, self._peer)
 
     def pause(self, paused: bool) -> None:
         """A live link cannot be stopped: messages go on being heard."""
@@ -217,6 +251,7 @@ class TlogLink:
         self._paused = False
         self._anchor_s, self._anchor_log_s = clock(), self._records[0][0] / US_PER_S
         self._behind_s: float | None = None
+        self._goal_s: float | None = None
 
     @property
     def start_s(self) -> float:
@@ -239,6 +274,8 @@ class TlogLink:
 
     def receive(self) -> list[Received]:
         """Messages due by now; when too many are due at once, the log's time waits for them."""
+        if self._goal_s is not None:
+            return self._hurry(self._goal_s)
         self._behind_s = None
         due_us = round(self.now_s() * US_PER_S)
         heard: list[Received] = []
@@ -255,6 +292,37 @@ class TlogLink:
         # What is drawn from these messages is drawn at their time: at a high speed the log would run on meanwhile
         # and the console would call a link silent that it has not listened to yet.
         self._behind_s = due_us / US_PER_S
+        return heard
+
+    def seek(self, seconds_on: float) -> bool:
+        """Go to a time later or earlier; `receive` hurries there. Whether what was heard must be forgotten."""
+        goal_s = min(max(self.now_s() + seconds_on, self.start_s), self.stop_s)
+        back = goal_s < self.now_s()
+        if back:
+            self._next = 0
+        self._goal_s = goal_s
+        return back
+
+    def faster(self, factor: float) -> float:
+        """Change the speed; returns the new one."""
+        self._rebase(self.now_s())
+        self._speed = min(max(self._speed * factor, 1 / 16), 1e4)
+        return self._speed
+
+    def _hurry(self, goal_s: float) -> list[Received]:
+        heard: list[Received] = []
+        last = min(len(self._records), self._next + RECORDS_PER_CALL)
+        while self._next < last and self._records[self._next][0] <= goal_s * US_PER_S:
+            t_us, frame = self._records[self._next]
+            self._next += 1
+            message = self._decoder.frame(frame)
+            if message is not None:
+                heard.append(Received(t_us / US_PER_S, message))
+        if self._next < last or last == len(self._records):
+            self._goal_s = self._behind_s = None
+            self._rebase(goal_s)
+        else:
+            self._rebase(self._records[self._next - 1][0] / US_PER_S)
         return heard
 
     def everything(self) -> Iterator[Received]:

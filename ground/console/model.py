@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from flightsw.icd.alerts import ALERTS, Severity
 from flightsw.icd.enums import Mode, RejectCause
+from ground.console.alarms import Alarm, fold_alarm, fold_late
 from ground.console.text import safe
 
 FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
@@ -23,6 +24,7 @@ HISTORY_STEP_S = 1.0
 HISTORY_RESTART_S = 86_400.0  # a jump of flight time beyond this is another run
 SEQUENCES = 1 << 32
 RECENT_ALERTS = 64
+RECENT_EVENTS = 256  # that flight can tell again
 NO_CAUSE = 0xFF
 
 
@@ -111,6 +113,19 @@ class TimeToFlag(NamedTuple):
     in_outage: int
 
 
+class LinkStatus(NamedTuple):
+    """LEONAV_LINK: the link as flight sees it."""
+
+    event_sequence: int
+    accepted: int
+    lost: int
+    refused: tuple[int, ...]
+    alerts_open: int
+    bench: int
+    armed: int
+    table_staged: int
+
+
 class Table(NamedTuple):
     """LEONAV_TABLE_STATUS of the navigation table."""
 
@@ -137,6 +152,9 @@ class State:
     time_to_flag: TimeToFlag | None = None
     time_to_flag_s: float | None = None
     table: Table | None = None
+    link: LinkStatus | None = None
+    link_s: float | None = None
+    alarms: tuple[Alarm, ...] = ()
     satellites: int | None = None
     satellites_s: float | None = None
     messages: int = 0
@@ -251,6 +269,13 @@ def _alert(state: State, message: Any, now_s: float) -> State:
     last = state.alert_sequence
     if last is not None:
         missing = (message.sequence - last - 1) % SEQUENCES
+        late = message.sequence < last and last - message.sequence < RECENT_EVENTS
+        if late:  # one that was asked for again
+            return replace(
+                note(state, now_s, message.severity, alert_text(message.alert_id, message.active, message.value)),
+                alarms=fold_late(state.alarms, message, state.recent_alerts, now_s),
+                recent_alerts=(*state.recent_alerts[-(RECENT_ALERTS - 1) :], key),
+            )
         if missing >= SEQUENCES // 2:
             state = note(state, now_s, Severity.NOTICE, "console: alert numbers start again (flight restarted?)")
         elif missing:
@@ -259,6 +284,7 @@ def _alert(state: State, message: Any, now_s: float) -> State:
             state = note(state, now_s, Severity.WARNING, f"{text} before number {message.sequence}")
     state = replace(
         state,
+        alarms=fold_alarm(state.alarms, message, now_s),
         alert_sequence=message.sequence,
         recent_alerts=(*state.recent_alerts[-(RECENT_ALERTS - 1) :], key),
     )
@@ -274,6 +300,12 @@ def alert_text(alert_id: int, active: int, value: float) -> str:
     if not active:
         text = f"ended: {text}"
     return f"{text} ({known.id.name})" if known else text
+
+
+def _link(state: State, message: Any, now_s: float) -> State:
+    values = [getattr(message, name) for name in LinkStatus._fields]
+    told = LinkStatus(*values)._replace(refused=tuple(message.refused))
+    return replace(state, link=told, link_s=now_s)
 
 
 def _statustext(state: State, message: Any, now_s: float) -> State:
@@ -314,6 +346,7 @@ _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "LEONAV_TIME_TO_FLAG": _time_to_flag,
     "LEONAV_TABLE_STATUS": _table,
     "LEONAV_ALERT": _alert,
+    "LEONAV_LINK": _link,
     "GPS_RAW_INT": _gps,
     "STATUSTEXT": _statustext,
 }

@@ -18,6 +18,7 @@ from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
+PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters")
 SEVERITY_STYLES: dict[int, str] = {
     Severity.EMERGENCY: "bold red",
     Severity.ALERT: "bold red",
@@ -41,8 +42,11 @@ Uncertified table: no probability stands behind the bound.
 STALE and an age mark every value not renewed for 3 s.
 Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
 
-  q  quit      ?  this help      p  pause
-     a replay stands still; live, plot and events do, the verdict never
+  q quit  ? this help  p pause (a replay stands still; live, plot and events do)
+  1-6 pages, tab the next: overview, alarms, filter, link, tables, parameters
+  up, down choose a line      a acknowledge the alarm that is marked
+  o orders (each is confirmed)   l list parameters   s set the marked one
+  u upload a table   r read back   left, right -+1 min   + - speed (replay)
 
 any key closes this help"""
 
@@ -63,6 +67,25 @@ def header(link: Link, state: State, now_s: float, paused: bool, progress: str) 
     else:
         late = silent_s > LINK_TIMEOUT_S
         text.append(f"link {seconds(silent_s)}{' SILENT' if late else ''}", style="bold red" if late else "green")
+    waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)
+    if waiting:
+        text.append(f"  {waiting} ALARM{'S' if waiting > 1 else ''} TO ACKNOWLEDGE", style="bold reverse yellow")
+    if state.link is not None and state.link.bench:
+        text.append("  BENCH", style="bold reverse yellow")
+    return text
+
+
+def keys(page: int, commands: bool, live: bool) -> Text:
+    """The bottom line: pages, the one that is shown marked, and the keys that do something here."""
+    text = Text()
+    for number, name in enumerate(PAGE_NAMES, 1):
+        text.append(f"{number} {name}", style="bold reverse" if number - 1 == page else "bold")
+        text.append(" ")
+    text.append(" ? help q quit", style="bold")
+    if commands:
+        text.append(" a ack o orders", style="bold")
+    if not live:
+        text.append(" left/right seek", style="bold")
     return text
 
 

@@ -42,9 +42,12 @@ class Judgement(NamedTuple):
     level: Level
 
 
-def judge(state: State, now_s: float) -> Judgement:
-    """The verdict at `now_s`."""
+def judge(state: State, now_s: float, forged_s: float | None = None) -> Judgement:
+    """The verdict at `now_s`. forged_s: when a message was heard last that could not be authenticated."""
     silent_s = age_s(now_s, state.heard_s)
+    if silent_s > LINK_TIMEOUT_S and forged_s is not None and now_s - forged_s <= LINK_TIMEOUT_S:
+        reason = "messages arrive that are not signed with our key: nothing of them is believed"
+        return Judgement("UNAUTHENTICATED", certificate_words(state), reason, Level.UNKNOWN)
     certificate = certificate_words(state)
     if silent_s > LINK_TIMEOUT_S:
         return Judgement("NO LINK", certificate, _silence(state, now_s), Level.UNKNOWN)

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.text import Text
@@ -12,11 +18,14 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
-from ground.console import model, panels, plot
-from ground.console.link import Link, TlogLink, damage_words, progress_words
+from ground.console import alarms, model, pages, panels, plot
+from ground.console.link import Link, Sending, TlogLink, damage_words, progress_words
+from ground.console.orders import Ask, Confirm, Menu, Order
+from ground.console.uplink import Operator
 from ground.console.verdict import STALE_S, Judgement, Level, judge
 
 REDRAW_S = 0.25
+SEEK_S = 60.0
 LEVEL_CLASSES = {level: level.name.lower() for level in Level}
 
 
@@ -49,6 +58,20 @@ class ConsoleApp(App[None]):
         ("q", "quit", "quit"),
         ("question_mark", "help", "help"),
         ("p", "pause", "pause"),
+        *((str(number), f"page({number - 1})", name) for number, name in enumerate(pages.PAGES, 1)),
+        Binding("tab", "page(-1)", "next page", priority=True),
+        ("up", "choose(-1)", "choose"),
+        ("down", "choose(1)", "choose"),
+        ("a", "acknowledge", "acknowledge"),
+        ("o", "orders", "orders"),
+        ("l", "list_parameters", "list parameters"),
+        ("s", "set_parameter", "set parameter"),
+        ("u", "upload", "upload"),
+        ("r", "read_back", "read back"),
+        ("left", "seek(-1)", "back"),
+        ("right", "seek(1)", "on"),
+        ("plus", "speed(2)", "faster"),
+        ("minus", "speed(0.5)", "slower"),
     ]
     CSS = """
     Screen { layout: vertical; overflow: hidden; }
@@ -65,12 +88,20 @@ class ConsoleApp(App[None]):
     #bottom { height: 8; }
     #events { width: 1fr; height: 100%; border: round $secondary; padding: 0 1; }
     #counters { width: 32; height: 100%; border: round $secondary; padding: 0 1; }
+    #page { height: 1fr; border: round $secondary; padding: 0 1; }
     #keys { height: 1; padding: 0 1; background: $panel; }
     """
 
-    def __init__(self, link: Link, period_s: float = REDRAW_S) -> None:
+    def __init__(self, link: Link, period_s: float = REDRAW_S, operator_name: str = "operator") -> None:
         super().__init__()
         self.link = link
+        self.operator: Operator | None = None
+        if isinstance(link, Sending):
+            self.operator = Operator(link.send, link.verifier, self._say)
+        self.page = 0
+        self.chosen = 0
+        self._operator_name = operator_name
+        self._asked_events_s = 0.0
         self.state = model.State(started_s=link.now_s())
         self.judgement: Judgement | None = None
         self.paused = False
@@ -86,10 +117,11 @@ class ConsoleApp(App[None]):
         with Horizontal(id="middle"):
             yield PlotextPlot(id="plot")
             yield Static(id="values")
+        yield Static(id="page")
         with Horizontal(id="bottom"):
             yield Static(id="events")
             yield Static(id="counters")
-        yield Static(Text("q quit   ? help   p pause", style="bold"), id="keys")
+        yield Static(id="keys")
 
     def on_mount(self) -> None:
         """Titles, then the first drawing and the timer."""
@@ -97,6 +129,9 @@ class ConsoleApp(App[None]):
             self.query_one(f"#{name}").border_title = name
         self.query_one("#counters").border_title = "rejected by cause"
         self.query_one("#plot").border_subtitle = "⠒ bound  ─ limit  ░ coasting  ▒ failed"
+        self._show_page()
+        with suppress(NotImplementedError, RuntimeError):  # where the system has no such signal
+            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
         self.step()
         self.set_interval(self._period_s, self.step)
 
@@ -104,12 +139,31 @@ class ConsoleApp(App[None]):
         """Take in what has arrived and draw; called by the timer, and by tests."""
         for time_s, message in self.link.receive():
             self.state = model.reduce(self.state, message, time_s)
+            if self.operator is not None:
+                self.operator.take(message)
+        if self.operator is not None:
+            self._ask_for_lost_events()
+            self.operator.step(self.link.now_s())
         self.redraw()
+
+    def _ask_for_lost_events(self) -> None:
+        told, now_s = self.state.link, self.link.now_s()
+        if told is None or self.operator is None or now_s - self._asked_events_s < 2.0:
+            return
+        heard = {sequence for sequence, _, _ in self.state.recent_alerts}
+        first = max(1, (min(heard) if heard else told.event_sequence), told.event_sequence - model.RECENT_EVENTS + 1)
+        missing = [k for k in range(first, told.event_sequence + 1) if k not in heard]
+        if missing and len(heard) < model.RECENT_ALERTS:
+            self._asked_events_s = now_s
+            self.operator.request_events(missing[0], missing[-1])
+
+    def _say(self, severity: int, text: str) -> None:
+        self.state = model.note(self.state, self.link.now_s(), severity, f"console: {text}")
 
     def redraw(self) -> None:
         """Draw every panel. The verdict and the values are always live; plot and events obey pause."""
         now_s = self.link.now_s()
-        self.judgement = judge(self.state, now_s)
+        self.judgement = judge(self.state, now_s, getattr(self.link, "forged_s", None))
         shown = self._frozen or self.state
         screen = self.screen_stack[0]
         progress = progress_words(self.link) if isinstance(self.link, TlogLink) else ""
@@ -119,12 +173,146 @@ class ConsoleApp(App[None]):
         box.update(panels.verdict(self.judgement))
         box.set_classes(LEVEL_CLASSES[self.judgement.level])
         screen.query_one("#values", Static).update(panels.values(self.state, now_s))
+        screen.query_one("#keys", Static).update(panels.keys(self.page, self.operator is not None, self.link.live))
+        if self.page:
+            self._draw_page(screen.query_one("#page", Static), now_s)
         log = screen.query_one("#events", Static)
         log.border_subtitle = panels.alerts_line(shown)
         log.update(panels.events(shown.events, log.content_size.height))
         counts = screen.query_one("#counters", Static)
         counts.update(panels.counters(self.state, self.link.statistics, now_s, counts.content_size.height))
         self._draw_plot(screen.query_one("#plot", PlotextPlot), shown, now_s)
+
+    def _draw_page(self, widget: Static, now_s: float) -> None:
+        rows = max(4, widget.content_size.height)
+        drawn: tuple[Callable[[], Text], ...] = (
+            Text,
+            lambda: pages.alarms(self.state, self.chosen, rows),
+            lambda: pages.filter_page(self.state, now_s),
+            lambda: pages.link_page(self.state, self.link.statistics, self.operator, now_s),
+            lambda: pages.tables_page(self.state, self.operator),
+            lambda: pages.parameters_page(self.operator, self.chosen, rows),
+        )
+        widget.border_title = pages.PAGES[self.page]
+        widget.update(drawn[self.page]())
+
+    def _show_page(self) -> None:
+        screen = self.screen_stack[0]
+        for name in ("#middle", "#bottom"):
+            screen.query_one(name).display = self.page == 0
+        screen.query_one("#page").display = self.page != 0
+
+    def action_page(self, number: int) -> None:
+        """Turn to a page; -1: the next one."""
+        self.page = (self.page + 1) % len(pages.PAGES) if number < 0 else number
+        self.chosen = 0
+        self._show_page()
+        if pages.PAGES[self.page] == "parameters" and self.operator is not None and not self.operator.parameters:
+            self.operator.list_parameters()
+        self.redraw()
+
+    def action_choose(self, step: int) -> None:
+        """Mark the line above or below."""
+        lines = len(alarms.standing(self.state.alarms))
+        if pages.PAGES[self.page] == "parameters" and self.operator is not None:
+            lines = len(self.operator.parameters)
+        self.chosen = min(max(0, self.chosen + step), max(0, lines - 1))
+        self.redraw()
+
+    # -- orders
+
+    def _may_order(self) -> bool:
+        if self.operator is None:
+            self._say(5, "a log cannot be commanded")
+            self.redraw()
+        return self.operator is not None
+
+    def action_acknowledge(self) -> None:
+        """Acknowledge the chosen alarm; on other pages the first that nobody has acknowledged."""
+        alarm = pages.chosen_alarm(self.state, self.chosen if pages.PAGES[self.page] == "alarms" else 0)
+        if alarm is None or alarm.acknowledged_s is not None or not self._may_order():
+            return
+        assert self.operator is not None
+
+        def taken(accepted: bool) -> None:
+            if accepted:
+                now_s = self.link.now_s()
+                done = alarms.acknowledge(self.state.alarms, alarm.sequence, now_s, self._operator_name)
+                self.state = replace(self.state, alarms=done)
+
+        self.operator.acknowledge(alarm.sequence, f"alarm #{alarm.sequence} acknowledged", taken)
+
+    def action_orders(self) -> None:
+        """Choose an order, confirm it, send it."""
+        if self._may_order():
+            self.push_screen(Menu(), self._confirm_order)
+
+    def _confirm_order(self, order: Order | None) -> None:
+        if order is not None:
+            question = Confirm(f"Order flight: {order.label}?", order.means)
+            self.push_screen(question, lambda sure: self._send(order) if sure else None)
+
+    def _send(self, order: Order) -> None:
+        assert self.operator is not None
+        self.operator.command(order.number, order.values, order.label)
+
+    def action_list_parameters(self) -> None:
+        """Ask for all parameters again."""
+        if self._may_order() and self.operator is not None:
+            self.operator.list_parameters()
+
+    def action_set_parameter(self) -> None:
+        """Set the chosen parameter."""
+        if pages.PAGES[self.page] != "parameters" or not self._may_order() or self.operator is None:
+            return
+        names = pages.parameter_names(self.operator)
+        if self.chosen < len(names):
+            name, operator = names[self.chosen], self.operator
+            value = f"{operator.parameters[name][1]:g}"
+
+            def entered(text: str | None) -> None:
+                try:
+                    if text is not None:
+                        operator.set_parameter(name, float(text))
+                except ValueError:
+                    self._say(4, f"{text!r} is no number: nothing was sent")
+
+            self.push_screen(Ask(f"{name} =", value), entered)
+
+    def action_upload(self) -> None:
+        """Send a table file up, validate and stage it."""
+        if self._may_order():
+            self.push_screen(Ask("Upload which table file? It is validated and staged, not activated."), self._upload)
+
+    def _upload(self, text: str | None) -> None:
+        if not text or self.operator is None:
+            return
+        try:
+            data = Path(text).read_bytes()
+        except OSError as error:
+            self._say(4, f"{text}: cannot be read ({error.strerror})")
+            return
+        self.operator.upload_table(data, f"table {Path(text).name}")
+
+    def action_read_back(self) -> None:
+        """Read the table that flies back."""
+        if self._may_order() and self.operator is not None:
+            self.operator.read_table()
+
+    # -- replay
+
+    def action_seek(self, steps: int) -> None:
+        """Go on or back in a log."""
+        if isinstance(self.link, TlogLink):
+            if self.link.seek(steps * SEEK_S):
+                self.state = model.State(started_s=self.link.start_s)
+            self._frozen = None
+            self.step()
+
+    def action_speed(self, factor: float) -> None:
+        """Replay faster or slower."""
+        if isinstance(self.link, TlogLink):
+            self._say(6, f"replay at {self.link.faster(factor):g} times real time")
 
     def _draw_plot(self, widget: PlotextPlot, shown: model.State, now_s: float) -> None:
         size = widget.content_size

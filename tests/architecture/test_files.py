@@ -28,11 +28,17 @@ ENVIRONMENT_ROOTS = {
 }
 SOCKET_ROOTS = {
     "flightsw/onboard.py": "composition root of a flight in real time: the telemetry link the operator named",
+    "flightsw/link_open.py": "names of the link that the operator gave, to addresses",
+    "flightsw/link_port.py": "the ends of the ground link, made by link_open for the composition root",
+    "flightsw/remote_bus.py": "bounds the waits of the bus hub's client",
+    "hil_sim/demo.py": "asks for a free port of loopback for the console",
+    "hil_sim/hub.py": "the bus hub, on loopback",
     "ground/console/link.py": "the console's end of the link, on loopback unless the operator names another address",
 }
 BUS_ROOTS = {
     "flightsw/onboard.py": "the bus the operator named",
     "hil_sim/bus.py": "the virtual bus of a lockstep run, made for sil.py",
+    "hil_sim/live.py": "the bus of a world in real time, that the operator named",
 }
 PRINTING_FLIGHT = {
     "flightsw/__main__.py": "the command",

@@ -66,7 +66,14 @@ class Rule:
 
 
 _GENERATED_DIALECT = {"flightsw/icd/mavlink.py": GENERATED["flightsw/icd/mavlink.py"]}
-_COMPILED = ("flightsw/kernels/", "flightsw/nav/", "flightsw/integrity/", "flightsw/records.py", "flightsw/modes.py")
+_COMPILED = (
+    "flightsw/kernels/",
+    "flightsw/nav/",
+    "flightsw/integrity/",
+    "flightsw/crosslink/",
+    "flightsw/records.py",
+    "flightsw/modes.py",
+)
 
 RULES = (
     Rule(
@@ -108,6 +115,7 @@ RULES = (
             "flightsw.kernels",
             "flightsw.nav",
             "flightsw.integrity",
+            "flightsw.crosslink",
             "flightsw.records",
             "flightsw.modes",
             "flightsw.icd.enums",
@@ -115,12 +123,16 @@ RULES = (
             "flightsw.icd.table_schema",
         ),
         ("flightsw/nav/step.py", "from flightsw.journal import Journal"),
-        {"flightsw/kernels/kernel_cache.py": "finds and names the cache folder before numba is imported"},
+        {
+            "flightsw/kernels/kernel_cache.py": "finds and names the cache folder before numba is imported",
+            "flightsw/crosslink/declare.py": "hashes the sources of its room for numba's cache",
+            "flightsw/crosslink/setup.py": "settings of a monitor, before any tick",
+        },
     ),
     Rule(
         "the kernels are domain-free: they know no navigation, bound or mode",
         ("flightsw/kernels/",),
-        none_of("flightsw.nav", "flightsw.integrity", "flightsw.modes"),
+        none_of("flightsw.nav", "flightsw.integrity", "flightsw.crosslink", "flightsw.modes"),
         ("flightsw/kernels/linalg.py", "from flightsw.nav import filter"),
     ),
     Rule(
@@ -135,7 +147,7 @@ RULES = (
         ("hil_sim/",),
         none_of("hil_sim.sil"),
         ("hil_sim/world.py", "from hil_sim import sil"),
-        {"hil_sim/__main__.py": "the command"},
+        {"hil_sim/__main__.py": "the command", "hil_sim/demo.py": "the same run as live processes, from the command"},
     ),
     Rule(
         "console, tables and interface know of flight the contract only",

@@ -313,3 +313,29 @@ def test_journal_lines_are_candumps(tmp_path: Path) -> None:
     assert not any(m.is_error_frame for m in messages[:4])
     assert messages[0].timestamp == pytest.approx(1_500_000_000.123456, abs=1e-6)
     assert bytes(messages[0].data) == b"\x01\x02"
+
+
+def test_orders_of_the_ground_are_obeyed_again(tmp_path: Path) -> None:
+    """GIVEN a flight whose ground reset its filter, disarmed the flag and was refused things WHEN it is replayed THEN
+    can.log is the same byte for byte, without the key; without the orders it would not be."""
+    from link_bench import Linked
+
+    from flightsw.icd import mavlink
+
+    run = tmp_path / "run"
+    run.mkdir()
+    with Linked("outage=[{start_s=20.0, duration_s=20.0}]", logs=run) as flight:
+        flight.fly(until_s=10.0)
+        assert flight.ask(mavlink.LEONAV_CMD_RESET_FILTER) == 0
+        flight.fly(until_s=25.0)
+        assert flight.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == 0
+        flight.station.parameter(b"LNK_REPEAT_S", 3.0)
+        flight.wire.up.append(b"\xfd" * 50)
+        flight.fly()
+    save_run(flight, run)
+    record = json.loads((run / "run.json").read_text())
+    for two_way, same in ((True, True), (False, False)):
+        (run / "run.json").write_text(json.dumps({**record, "two_way_link": two_way}))
+        outcome = replay.replay(run, tmp_path / f"replayed_{two_way}")
+        assert outcome.ticks == 600
+        assert (outcome.can_differs_at is None) is same

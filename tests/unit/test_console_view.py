@@ -106,7 +106,7 @@ def test_everything_an_operator_needs_stands_on_one_screen() -> None:
             "100 m┤",
             "░░░",
             "▒▒▒",
-            "q quit   ? help   p pause",
+            "? help q quit",
         ):
             assert piece in text, f"{piece!r} is not on the screen:\n{text}"
 

@@ -252,6 +252,26 @@ def test_a_manoeuvre_that_the_gate_refuses_is_followed_too(dv_mps: float, sigma_
 
 
 @pytest.mark.compiled
+@pytest.mark.parametrize("dv_mps", [10.0, 30.0])
+def test_a_burn_that_outlasts_its_detection_is_followed_to_its_end(dv_mps: float) -> None:
+    """GIVEN ten seconds of thrust, fixes of 1 m and 1 cm/s WHEN it is found while it goes on, again and again, and the
+    gate refuses what comes meanwhile THEN no state starts anew, and 30 s after the end fixes are used and the error is
+    below a metre or two."""
+    direction = np.array([0.5, 0.7, -0.5]) / np.linalg.norm([0.5, 0.7, -0.5])
+    for seed in range(10):
+        begin = 1200.5 + seed  # all phases of the bank of onsets
+        truth = kepler(kicks=[(begin + k, 0.1 * dv_mps * direction) for k in range(10)])
+        noise = np.random.default_rng(seed)
+        outputs = fly(flying_memory(monitor_use="yes"), fixes_every_second(0, 1300, truth, noise, 1.0, 0.01))
+        assert not (outputs["events"][1200:] & (REINITIALISED | FOUND_FAULT)).any()
+        error = np.linalg.norm(outputs["r_gcrf_m"] - truth(outputs["t_gps_ns"])[0], axis=1)
+        assert error[1200:].max() < 60.0
+        late = slice(1245 + seed, None)
+        assert (outputs["type_cause"][late] == USED).all()
+        assert error[late].max() < 2.0
+
+
+@pytest.mark.compiled
 @pytest.mark.parametrize("dv_mps", [0.05, 0.3, 2.0])
 def test_a_manoeuvre_nobody_announced(dv_mps: float) -> None:
     """GIVEN a kick in any direction WHEN found THEN it is a manoeuvre, nothing is excluded, and ten minutes later the

@@ -1,0 +1,44 @@
+"""What an epoch costs: the own satellite alone, every pair ranging once, every pair ranging both ways."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+
+from flightsw.crosslink.monitor import monitor_epoch
+from flightsw.crosslink.setup import MonitorMemory
+from ground.crosslink.scene import Setting, ready
+
+_EPOCHS = 400
+
+
+def measure(setting: Setting, epochs: int = _EPOCHS) -> dict[str, Any]:
+    """Microseconds an epoch, by kind: links, least, median, 99 %; and the load of the machine meanwhile."""
+    found: dict[str, Any] = {}
+    for name, both in (("one way, once", False), ("one way, both", True)):
+        memory, pairs = ready(replace(setting, both=both), 0.0)
+        found[name] = _timed(memory, len(pairs), epochs)
+    memory, pairs = ready(replace(setting, both=True), 0.0)
+    mine = np.flatnonzero(pairs[:, 0] == 0)
+    for name in ("receiver", "sender", "range_m"):
+        memory.epoch[name][0, : len(mine)] = memory.epoch[name][0, mine].copy()
+    memory.epoch["links"] = len(mine)
+    found["own satellite alone"] = _timed(memory, len(mine), epochs)
+    found["load"] = os.getloadavg()[0]
+    return found
+
+
+def _timed(memory: MonitorMemory, links: int, epochs: int) -> dict[str, float]:
+    arguments = memory.arguments()
+    took_us = np.empty(epochs)
+    for epoch in range(epochs):
+        memory.epoch["links"] = links
+        before = perf_counter_ns()
+        monitor_epoch(*arguments)
+        took_us[epoch] = (perf_counter_ns() - before) / 1e3
+    low, middle, high = np.quantile(took_us, (0.0, 0.5, 0.99))
+    return {"links": links, "least_us": float(low), "median_us": float(middle), "p99_us": float(high)}
