@@ -110,6 +110,12 @@ format: setup  ## rewrite the sources in the project's format
 kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
 	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9
 
+.PHONY: tune
+# What was flown is kept: the same command goes on where it was stopped. Full campaigns: python -m ground tune --help.
+tune: setup  ## a quick tuning by both methods, minutes; prints how to fly the sets that come of it
+	@$(PY) -m ground tune --method paper --quick --out runs/tune/paper
+	@$(PY) -m ground tune --method overbound --quick --out runs/tune/overbound
+
 .PHONY: accuracy
 # Finished orbits are kept: the same command goes on where it was stopped. About an hour on two processors.
 accuracy: setup  ## the flight filter on real and simulated orbits: figures, plots and verdict in runs/accuracy

@@ -28,6 +28,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
     "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
     "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
+    "tune": ("ground.tuning.command", "make a table set from flown errors, with the evidence"),
     "crosslink": ("ground.crosslink.command", "study integrity by ranging between the satellites of a constellation"),
     "certify": ("ground.campaign.command", "fly a fresh ensemble of outages and say what it proves of a set's bound"),
     "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),

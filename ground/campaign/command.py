@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if value is not None and value < least:
             raise OperatorError(f"--{name} {value}: give {least} or more")
-    folder = args.out if args.out is not None else Path("runs") / "certify" / args.table_set
+    folder = args.out if args.out is not None else Path("runs") / "certify" / Path(args.table_set).stem
     if folder.exists() and not folder.is_dir():
         raise OperatorError(f"--out {folder}: is a file; name a folder")
     from rich.console import Console

@@ -44,6 +44,9 @@ class Ensemble:
     inclination_deg: tuple[float, float] = (0.0, 110.0)  # uniform
     eccentricity: tuple[float, float] = (1e-4, 0.02)  # as far as the apogee stays below
     apogee_km: float = 1450.0
+    # degree to which the truth goes beyond degree 70, for perigees below so many km; what flies ends at 70, and what
+    # that leaves out fades with altitude
+    gravity_beyond: tuple[tuple[float, int], ...] = ((450.0, 110), (600.0, 100))
     area_to_mass_m2pkg: tuple[float, float] = (0.002, 0.02)  # as the force table has it
     drag_error: float = 0.3  # 1-sigma of the true Cd against the table's, cut off at 2.5 sigma
     radiation_error: float = 0.2
@@ -178,6 +181,7 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str) -> Draw:
             "drag_coefficient": drag,
             "srp_coefficient": radiation,
             "area_step": {"at_s": acquisition_s, "factor": step},
+            "gravity_beyond": next((degree for below, degree in ensemble.gravity_beyond if perigee_km < below), 0),
         },
         "gnss": gnss,
         "outage": outages,

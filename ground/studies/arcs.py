@@ -65,25 +65,37 @@ COLOURED = Receiver(coloured_m=5.0, periodic_m=2.0)
 
 
 @dataclass(frozen=True)
-class Sky:
-    """A satellite's true motion at whole seconds, where the Earth stands, and the tables flight needs for it.
+class Motion:
+    """A satellite's true motion at whole seconds, and where the Earth stands.
 
     t_gps_ns (n,); r_m, v_mps (n, 3) GCRF; itrf_from_gcrf (n, 3, 3); spin_radps (n, 3) of the Earth, ITRF.
     """
 
-    orbit: Orbit
     t_gps_ns: np.ndarray
     r_m: np.ndarray
     v_mps: np.ndarray
     itrf_from_gcrf: np.ndarray
     spin_radps: np.ndarray
-    orientation: TableImage
-    forces: TableImage
-    gravity_field: TableImage
 
     def __len__(self) -> int:
         """Seconds of motion."""
         return len(self.t_gps_ns) - 1
+
+    def to_itrf(self, first: int, r_m: np.ndarray, v_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Earth-fixed r, v (n, 3) of those in GCRF at seconds `first` and on. Linear: serves differences as well."""
+        span = slice(first, first + len(r_m))
+        r = np.einsum("nij,nj->ni", self.itrf_from_gcrf[span], r_m)
+        return r, np.einsum("nij,nj->ni", self.itrf_from_gcrf[span], v_mps) - np.cross(self.spin_radps[span], r)
+
+
+@dataclass(frozen=True)
+class Sky(Motion):
+    """A true motion with the tables that the flight filter needs for it."""
+
+    orbit: Orbit
+    orientation: TableImage
+    forces: TableImage
+    gravity_field: TableImage
 
     def memory(self, table_set: str, overrides: dict[str, Any] | None = None) -> Memory:
         """Flight's records with the tables of this sky and a navigation table; no state yet."""
@@ -92,12 +104,6 @@ class Sky:
         memory.load(navigation.values, self.orientation.values)
         memory.load_forces(self.forces.values, self.gravity_field.values)
         return memory
-
-    def to_itrf(self, first: int, r_m: np.ndarray, v_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Earth-fixed r, v (n, 3) of those in GCRF at seconds `first` and on. Linear: serves differences as well."""
-        span = slice(first, first + len(r_m))
-        r = np.einsum("nij,nj->ni", self.itrf_from_gcrf[span], r_m)
-        return r, np.einsum("nij,nj->ni", self.itrf_from_gcrf[span], v_mps) - np.cross(self.spin_radps[span], r)
 
 
 @lru_cache(maxsize=4)
@@ -124,7 +130,7 @@ def sky(name: str, span_s: int, gravity: Path | None = None) -> Sky:
     case = Case(orbit, "white", Plan.of(orbit.span_s), "flight", (), gravity)
     tables = [decode(table) for table in force_tables(case, t0)]
     orientation = decode(build_earth_orientation(t0 - HOUR_NS, int(t[-1]) + HOUR_NS))
-    return Sky(orbit, t, r, v, matrices, spin, orientation, *tables)
+    return Sky(t, r, v, matrices, spin, orbit, orientation, *tables)
 
 
 class Track(NamedTuple):
@@ -135,7 +141,7 @@ class Track(NamedTuple):
     v_mps: np.ndarray
 
     @classmethod
-    def of(cls, sky: Sky, first: int, count: int) -> Track:
+    def of(cls, sky: Motion, first: int, count: int) -> Track:
         """The sky's own."""
         return cls(first, sky.r_m[first : first + count], sky.v_mps[first : first + count])
 
@@ -183,7 +189,7 @@ def blank(counter_ns: np.ndarray) -> np.ndarray:
 
 
 def measured(
-    sky: Sky, track: Track, receiver: Receiver, counter_ns: np.ndarray, noise: np.random.Generator
+    sky: Motion, track: Track, receiver: Receiver, counter_ns: np.ndarray, noise: np.random.Generator
 ) -> np.ndarray:
     """Inputs (n,) with a fix and a time pulse in each call."""
     n = len(track.r_m)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +14,8 @@ from ground.studies.flights import Advance, each, pool, progress_bar
 from ground.studies.orbit_limits import AccelerationCorrection, Coordinates, Dip, Orbit
 from ground.studies.outage import OutageRun, Variant, fly_variant, variants
 from ground.tables.build import build_navigation
+from ground.tuning import paper
+from ground.tuning.paper_result import Result
 
 _WEAK = 1e12  # a pseudo-measurement that weighs nothing: (17) becomes (11)
 _J2_SIGMA_M = 33.0
@@ -26,6 +30,7 @@ class Effort:
     side_runs: int = 10
     sigmas_m: tuple[float, ...] = fix_ratio.FIX_SIGMAS_M
     thin: bool = False
+    tuning_phases: int = 64
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,7 @@ class Measured:
     plain: list[OutageRun]
     j2_paper_orbit: list[OutageRun]
     j2_outage: list[OutageRun]
+    tuning: Result  # 1 m fixes
     ratios: list[Ratio]
     ratio_rk4: Ratio
     ratio_j2_421_km: Ratio
@@ -106,11 +112,18 @@ def _dip(place: tuple[Orbit, float]) -> Dip:
     return orbit_limits.bound_dip(*place)
 
 
+@contextmanager
+def _unseen(label: str, total: int) -> Iterator[Callable[[int], None]]:
+    """No bar within a bar."""
+    del label, total
+    yield lambda done: None
+
+
 def measure(effort: Effort = Effort(), jobs: int = 1, advance: Advance | None = None) -> Measured:
     """Fly and measure everything. Without `advance` a bar is shown on stderr."""
     flights, cases, places = outage_variants(effort), ratio_cases(effort), dip_places(effort)
     chosen = [variant for group in flights.values() for variant in group]
-    total = len(chosen) + len(cases) + len(places)
+    total = len(chosen) + len(cases) + len(places) + 1
     if advance is None:
         with progress_bar("flying the paper", total) as step:
             return measure(effort, jobs, step)
@@ -120,11 +133,14 @@ def measure(effort: Effort = Effort(), jobs: int = 1, advance: Advance | None = 
         dips = each(workers, _dip, places, advance)
         euler = orbit_limits.acceleration_correction("Euler")
         rk4 = orbit_limits.acceleration_correction("RK4")
+    tuning = paper.measure("paper", 1.0, effort.tuning_phases, 1, _unseen)
+    advance()
     by_name: dict[str, Any] = {}
     for name, group in flights.items():
         by_name[name], runs = runs[: len(group)], runs[len(group) :]
     return Measured(
         **by_name,
+        tuning=tuning,
         ratios=ratios[:-3],
         ratio_rk4=ratios[-3],
         ratio_j2_421_km=ratios[-2],

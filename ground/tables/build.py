@@ -54,6 +54,11 @@ def find_set(name_or_path: str | Path) -> Path:
     return path
 
 
+def read_set(name_or_path: str | Path) -> dict[str, Any]:
+    """The content of a set file, as TOML has it: name, description, sections, list of rows; not checked."""
+    return _read(find_set(name_or_path))
+
+
 def build_navigation(
     name_or_path: str | Path,
     overrides: Mapping[str, Any] | None = None,

@@ -74,6 +74,19 @@ def test_table_1_saturates_and_is_a_fault_of_the_table(measured: Measured) -> No
         assert "can never be raised" in run.fault_of_table
 
 
+def test_the_descent_of_the_paper_finds_an_exact_solution(measured: Measured) -> None:
+    """GIVEN one outage of the paper's model WHEN (18) to (23) are solved THEN the bound is 2000 m at T to 1 %, (22) is
+    broken at no epoch before, and the row is none that settles; one row for 64 phases holds on all of them, and on 64
+    that it was not made from, with other noise."""
+    exact, common = measured.tuning.exact, measured.tuning.common
+    assert exact.found.trial.at_t_m == pytest.approx(2000.0, rel=0.01)
+    assert exact.broken == 0
+    assert 450.0 <= exact.t_s <= 1300.0
+    assert (common.worst <= 1.0).all()
+    assert (common.worst_unseen <= 1.0).all()
+    assert median(common.share.tolist()) > 0.5
+
+
 def test_plain_propagation_reaches_the_limit_in_300_s(measured: Measured) -> None:
     """GIVEN (11) with the Q of integrated mode WHEN GNSS is lost THEN three sigmas reach 2000 m in 300 s."""
     assert figures(measured.plain, "flag_age_s") == pytest.approx([300.0] * len(measured.plain), abs=10.0)
