@@ -104,6 +104,8 @@ def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: 
         file.write(secrets.token_hex(32) + "\n")
     processes: dict[str, Process] = {}
     console: subprocess.Popen[bytes] | None = None
+    # a terminal that is closed, or an operator's kill, ends all of it as well
+    former = {number: signal.signal(number, _told_to_end) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
         console = _start(loaded, out, speed, plain, settings, processes, key)
         return _watch(processes, console, out, key)
@@ -115,8 +117,14 @@ def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: 
         print(f"demo: {ended}", file=sys.stderr)
         return ended.status
     finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
         _end_console(console)
         _end_all(processes)
+
+
+def _told_to_end(number: int, frame: object) -> None:
+    raise Ended(f"ended by {signal.Signals(number).name}", 128 + number)
 
 
 def _start(

@@ -65,6 +65,27 @@ def test_the_death_of_flight_ends_the_demo_with_one_line_and_the_log_is_there(tm
     assert len(records) > 100
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_a_closed_terminal_leaves_no_process(tmp_path: Path) -> None:
+    """GIVEN a demo WHEN its terminal is closed (SIGHUP) THEN it says so and nothing of it goes on."""
+    command = [sys.executable, "-m", "hil_sim", "demo", "--plain", "--speed", "10", "--out", str(tmp_path / "live")]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert demo.stdout is not None
+        assert any("INTEGRATED" in line for line in demo.stdout)
+        parts = children(demo.pid)
+        assert {"hil_sim world", "flightsw run", "ground console"} <= set(parts)
+        demo.send_signal(signal.SIGHUP)
+        _, said = demo.communicate(timeout=60)
+        assert demo.returncode == 128 + signal.SIGHUP
+        assert "demo: ended by SIGHUP" in said.splitlines()
+        assert not [name for name, pid in parts.items() if Path(f"/proc/{pid}/cmdline").exists() and alive(pid)]
+    finally:
+        demo.kill()
+        demo.wait(20)
+
+
 def alive(pid: int) -> bool:
     try:
         return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]

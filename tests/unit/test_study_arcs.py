@@ -82,7 +82,10 @@ def test_coloured_noise_is_stationary_and_forgets() -> None:
 
 def test_a_drawn_truth_without_noise_is_the_force_model(sky: arcs.Sky) -> None:
     """GIVEN no process noise WHEN a truth is drawn THEN it is where the ground's model propagates to."""
-    memory = sky.memory("flight", {"empirical_sigma_mps2": 0.0, "drag_sigma": 0.0, "drag_slow_sigma": 0.0})
+    memory = sky.memory(
+        "flight",
+        {"empirical_sigma_mps2": 0.0, "omitted_gravity_sigma_mps2": 0.0, "drag_sigma": 0.0, "drag_slow_sigma": 0.0},
+    )
     track = draw(sky, memory, 10, 601, arcs.stream(1))
     settings = {name: memory.forces[name][0].item() for name in memory.forces.dtype.names or ()}
     settings = {name: settings[name] for name in ("area_to_mass_m2pkg", "degree", "f107", "f107_mean", "ap")}
@@ -93,7 +96,7 @@ def test_a_drawn_truth_without_noise_is_the_force_model(sky: arcs.Sky) -> None:
 
 def test_a_drawn_truth_is_pushed_as_the_table_says(sky: arcs.Sky) -> None:
     """GIVEN accelerations that hardly change WHEN many truths are drawn THEN they part as sigma t^2 / 2."""
-    calm = {"empirical_sigma_mps2": 0.0, "drag_sigma": 0.0, "drag_slow_sigma": 0.0}
+    calm = {"empirical_sigma_mps2": 0.0, "omitted_gravity_sigma_mps2": 0.0, "drag_sigma": 0.0, "drag_slow_sigma": 0.0}
     pushed = {**calm, "empirical_sigma_mps2": 1e-6, "empirical_tau_s": 1e6}
     still = draw(sky, sky.memory("flight", calm), 10, 101, arcs.stream(1))
     memory = sky.memory("flight", pushed)
