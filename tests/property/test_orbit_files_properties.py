@@ -68,6 +68,13 @@ def test_a_file_cut_anywhere(name: str, data: st.DataObject) -> None:
         assert_true(name, orbit)
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_cut_within_its_first_words(name: str) -> None:
+    """GIVEN a file of a few characters WHEN it is read THEN it is refused by name, whatever its first line promised."""
+    for length in range(40):
+        assert outcome(name, TEXTS[name][:length]) is None
+
+
 @few
 @given(st.sampled_from(FORMATS), st.data())
 def test_a_line_cut_anywhere(name: str, data: st.DataObject) -> None:

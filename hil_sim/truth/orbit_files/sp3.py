@@ -39,7 +39,7 @@ class Sp3(NamedTuple):
 
 def is_sp3(text: str) -> bool:
     """Whether a file's text begins as an SP3 file does."""
-    return text[:1] == "#" and text[1:2] in "abcd" and text[2:3] in "PV"
+    return len(text) > 2 and text[0] == "#" and text[1] in "abcd" and text[2] in "PV"
 
 
 def read_sp3(path: Path, time_scale: str | None = None) -> Sp3:
