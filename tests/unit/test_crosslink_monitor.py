@@ -13,6 +13,8 @@ from flightsw.crosslink.monitor import monitor_epoch
 from flightsw.crosslink.own import FAULT, SUSPECT
 from flightsw.crosslink.setup import MonitorMemory, Settings
 
+pytestmark = pytest.mark.compiled  # matrices of 96 by 96: plain Python would take minutes an epoch
+
 
 @pytest.mark.parametrize(
     ("residuals", "verdict"),

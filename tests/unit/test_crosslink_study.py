@@ -17,6 +17,8 @@ from ground.crosslink import ledger, paper, real_day, roc, tail, uploads
 from ground.crosslink.judge import judge, mask_of
 from ground.crosslink.scene import Setting, mean_neighbours, ready
 
+pytestmark = pytest.mark.compiled  # matrices of 96 by 96: plain Python would take minutes an epoch
+
 ROOT = Path(__file__).resolve().parents[2]
 RAMPS = {8: (5040.0, 0.01), 9: (1148.0, 0.05)}
 
