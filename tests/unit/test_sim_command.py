@@ -15,7 +15,16 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     assert names == [
-        *("burn_in_outage", "demo", "graceb_gaps", "graceb_real", "gracefo_outage", "j2_outage", "nominal", "paper_outage"),
+        *(
+            "burn_in_outage",
+            "demo",
+            "graceb_gaps",
+            "graceb_real",
+            "gracefo_outage",
+            "j2_outage",
+            "nominal",
+            "paper_outage",
+        ),
         *("sentinel3a_outage", "unannounced_burn"),
     ]
 

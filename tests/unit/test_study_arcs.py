@@ -18,6 +18,8 @@ from ground.studies.drawn_truth import draw
 from ground.studies.flights import COARSE_TICK_NS, NS, prepare, true_motion
 from ground.studies.kicks import Burn, gravity_mps2, kicked
 
+pytestmark = pytest.mark.compiled  # a drawn truth at degree 70 would take minutes in plain Python
+
 SPAN_S = 3000
 
 
