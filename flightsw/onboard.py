@@ -90,7 +90,12 @@ def open_port(text: str) -> CanPort:
 
 def _remote(channel: str) -> Callable[[], can.BusABC]:
     """Opens the bus of a hub: with patience the first time, without any in flight."""
-    from flightsw.remote_bus import BoundedRemoteBus
+    try:
+        from flightsw.remote_bus import BoundedRemoteBus
+    except ModuleNotFoundError as error:  # of the simulator: a satellite's bus has no hub
+        raise Refused(
+            f"--can remote:{channel}: {error.name} is not installed; pip install 'leonav[sim]', or name another bus"
+        ) from None
 
     first = [True]
 

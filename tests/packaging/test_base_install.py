@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from flightsw.onboard import Refused, open_port
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # Refuses to import the given top-level modules, as if they were not installed; then runs a command line.
@@ -83,12 +85,18 @@ def test_what_is_blocked_is_what_the_extras_bring() -> None:
     assert not {"numpy", "numba", "llvmlite", "can", "pymavlink"} & set(blocked)
 
 
+# the client of the demo's bus hub is imported when a bus `remote:` is asked for, and named where it lacks its library
+_ON_DEMAND = {"flightsw.remote_bus"}
+
+
 def test_flight_needs_no_extra() -> None:
     """GIVEN the base install WHEN every module of flight is imported THEN none is missing anything."""
     modules = [
         path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
         for path in sorted((ROOT / "flightsw").rglob("*.py"))
     ]
+    assert set(modules) > _ON_DEMAND
+    modules = [name for name in modules if name not in _ON_DEMAND]
     outcome = _run(modules, None)
     assert outcome.returncode == 0, outcome.stderr
 
@@ -115,3 +123,12 @@ def test_a_missing_extra_is_named(tool: str, words: list[str], remedy: str) -> N
     assert outcome.returncode == 2, outcome.stderr
     assert remedy in outcome.stderr
     assert len(outcome.stderr.strip().splitlines()) == 1
+
+
+def test_a_bus_hub_without_its_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN no python-can-remote WHEN flight is asked for the bus of a hub THEN the refusal names the remedy."""
+    monkeypatch.delitem(sys.modules, "flightsw.remote_bus", raising=False)
+    for name in ("can_remote", "can_remote.client"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(Refused, match=r"pip install 'leonav\[sim\]'"):
+        open_port("remote:127.0.0.1:1")
