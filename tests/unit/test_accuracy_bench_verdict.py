@@ -57,6 +57,8 @@ def test_good_figures_meet_all_and_the_goals() -> None:
             {"steady": {"rms_3d_m": 0.4, "rms_3d_mps": None, "nees_per_state": 0.8, "beyond_bound_share": 0.0}},
             "velocity",
         ),
+        ({"steady": {"rms_3d_m": 0.4, "rms_3d_mps": 5e-4, "nees_per_state": 0.2, "beyond_bound_share": 0.0}}, "NEES"),
+        ({"steady": {"rms_3d_m": 0.4, "rms_3d_mps": 5e-4, "nees_per_state": 1.2, "beyond_bound_share": 0.0}}, "NEES"),
         (outage(2000, nees_per_state=0.2), "NEES per state 2000 s"),
         (outage(60, nees_per_state=1.2), "NEES per state 60 s"),
         ({"outage_beyond_bound_share": 0.0031}, "beyond the bound in outages"),
@@ -91,13 +93,6 @@ def test_ratios_of_profiles_are_taken_orbit_by_orbit() -> None:
     assert clock_ratios(everything, PERFECT_CLOCK)["gracefo"]["2000"] == 1.6
     missed = [line.what for line in judge(everything) if not line.met]
     assert missed == ["velocity rms by that of white fixes", "outage rms at 2000 s by that of a perfect clock"]
-
-
-def test_one_long_flight_is_one_draw_and_coloured_returns_are_only_told() -> None:
-    """GIVEN a long flight with a poor NEES, coloured fixes that leave no state within 5 m WHEN judged THEN no miss."""
-    poor = summary(profile="coloured", back_to_steady={"600": {"runs": 300, "near_in_time": 0, "steady_in_time": 0}})
-    poor["steady"] = dict(poor["steady"], nees_per_state=1.5)
-    assert all(line.met for line in judge([poor]))
 
 
 def test_too_few_returns_say_so() -> None:
