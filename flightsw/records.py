@@ -149,6 +149,8 @@ NAV = np.dtype(
         ("bound_own_3d_m", "f8"),
         ("bound_coast_m", "f8"),
         ("bound_coast_3d_m", "f8"),
+        ("bound_fix_m", "f8"),  # at the last accepted fix: an outage begins with no less
+        ("bound_fix_3d_m", "f8"),
         ("over_limit", "i8"),
         ("flag", "i8"),
         ("flag_age_s", "f8"),

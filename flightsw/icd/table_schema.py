@@ -186,6 +186,7 @@ NAVIGATION = Schema(
             "bound",  # equations (12) and (14)
             _real("k_axis", "1", 1.0, 10.0, 3.0, "factor of the per-axis bound; the paper's 3"),
             _real("k_radius", "1", 1.0, 20.0, 3.73, "factor of the 3-D bound; 0.997 when isotropic"),
+            _real("fixes_margin", "1", 1.0, 5.0, 1.0, "flight filter: both bounds are so much larger while fixes come"),
             _whole("flag_driver", "0 axis, 1 3-D", 0, 1, 0, "which bound is compared with the limit"),
             _real("limit_m", "m", 0.1, 1e6, 2000.0, "epsilon, the permitted error"),
             _whole("flag_persist", "epochs", 1, 60, 1, "consecutive epochs above the limit before the flag"),
