@@ -124,6 +124,8 @@ NAVIGATION = Schema(
             _real("drag_tau_s", "s", 1.0, 1e7, 5000.0, "its correlation time"),
             _real("drag_slow_sigma", "1", 0.0, 10.0, 0.3, "steady sigma of the slow part of the drag scale"),
             _real("drag_slow_tau_s", "s", 1.0, 1e8, 86400.0, "its correlation time"),
+            _real("drag_step_sigma", "1", 0.0, 10.0, 0.0, "share by which drag may change at once when GNSS is lost"),
+            _real("drag_step_after_s", "s", 1.0, 86400.0, 60.0, "fix age at which that is taken into account"),
             _real("gnss_bias_sigma_m", "m", 0.0, 1e4, 0.0, "steady sigma of the lasting GNSS error, RTN; 0: no states"),
             _real("gnss_bias_tau_s", "s", 1.0, 1e7, 300.0, "its correlation time"),
             _real("gnss_periodic_sigma_m", "m", 0.0, 1e4, 0.0, "sigma of the orbit-periodic GNSS error; 0: no states"),

@@ -64,11 +64,17 @@ def fly(flight: Flight, run: int) -> Arrays:
     drawn = draw(flight.ensemble, flight.seeds, run, flight.table_set)
     world = flown.build_world(drawn.tree, drawn.where, TICK_NS)
     inputs, ticks = flown.step_inputs(world)
+    memory = load(flight, drawn, world)
+    outputs = flown.last_of_tick(arc.fly(memory, inputs), ticks)
+    return measure(flight.ensemble, drawn, world, outputs)
+
+
+def load(flight: Flight, drawn: Draw, world: flown.World) -> Memory:
+    """A memory with the tables of a run."""
     memory = Memory()
     memory.load(_navigation(flight).values, _orientation(world.t_start_gps_ns // (_ORIENTATION_DAYS * NS_PER_DAY)))
     memory.load_forces(forces_of(drawn).values, _field().values)
-    outputs = flown.last_of_tick(arc.fly(memory, inputs), ticks)
-    return measure(flight.ensemble, drawn, world, outputs)
+    return memory
 
 
 def measure(ensemble: Ensemble, drawn: Draw, world: flown.World, outputs: np.ndarray) -> Arrays:
