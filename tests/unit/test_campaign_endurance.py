@@ -97,7 +97,9 @@ def test_the_flag_of_a_long_outage_is_foretold() -> None:
 
 
 @pytest.mark.compiled
-def test_a_certificate_takes_long_outages_of_its_table_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_certificate_takes_long_outages_of_its_table_along(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """GIVEN long outages that were flown before WHEN the same set is certified THEN its certificate has their targets;
     too few of them prove no longer age."""
     common = ["certify", "--set", "flight", "--quick", "--jobs", "1", "--out", str(tmp_path)]
