@@ -342,7 +342,7 @@ AHEAD = np.dtype(
 
 # The gravity field as the kernels sum it, made from its table once (kernels/spherical_harmonics.py): [n, m] throughout.
 # The acceleration is a series of one degree more than the potential, the gradient of two. Sums run over HARMONIC_GROUP
-# degrees and whole blocks of orders at a time, with zeros for that; 144 columns, not 128: no two rows share a cache line.
+# degrees and whole blocks of orders at a time, with zeros for that; 144 columns, not 128: no rows share a cache line.
 HARMONIC_GROUP = 4
 HARMONIC_ROWS = MAX_GRAVITY_DEGREE + 4
 HARMONIC_BLOCK = 8
