@@ -85,7 +85,6 @@ def fly(flight: Flight, run: int) -> Arrays:
             counter_ns = go_to(half_s)
             foretold_s[2, k] = _ask(memory, limits[k], counter_ns)
             asked_s[2, k] = half_s
-    memory.load_navigation(limits[-1].values)
     parts.append(arc.fly(memory, inputs[done:]))
     outputs = flown.last_of_tick(np.concatenate(parts), ticks)
     return measure(flight.ensemble, drawn, world, outputs) | {
@@ -114,6 +113,7 @@ def _foretold_at_loss(flight: Flight, run: int, limit: TableImage) -> float:
 
 def _ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     """Age of the outage at which flight says that its flag will rise; infinite beyond its horizon, NaN: no answer."""
+    held = memory.table.copy()
     memory.load_navigation(limit.values)
     memory.ahead.view(np.uint8)[:] = 0
     look_ahead(
@@ -128,6 +128,7 @@ def _ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
         counter_ns,
         _AT_ONCE,
     )
+    memory.load_navigation(held)
     if not memory.ahead["valid"][0]:
         return math.nan
     governing = int(memory.ahead["governing"][0])
