@@ -77,13 +77,13 @@ def fly(flight: Flight, run: int) -> Arrays:
     for row, age_s in enumerate((0.0, ASKED_AT_S)):
         counter_ns = go_to(age_s)
         for k in range(len(LIMITS_M)):
-            foretold_s[row, k] = _ask(memory, limits[k], counter_ns)
+            foretold_s[row, k] = ask(memory, limits[k], counter_ns)
             asked_s[row, k] = age_s
     for k in np.argsort(foretold_s[1]).tolist():
         half_s = 0.5 * foretold_s[1, k]
         if math.isfinite(half_s) and ASKED_AT_S < half_s < drawn.outage_s:
             counter_ns = go_to(half_s)
-            foretold_s[2, k] = _ask(memory, limits[k], counter_ns)
+            foretold_s[2, k] = ask(memory, limits[k], counter_ns)
             asked_s[2, k] = half_s
     parts.append(arc.fly(memory, inputs[done:]))
     outputs = flown.last_of_tick(np.concatenate(parts), ticks)
@@ -108,10 +108,10 @@ def _foretold_at_loss(flight: Flight, run: int, limit: TableImage) -> float:
     _, inputs, ticks, memory = _prepared(flight, drawn)
     stop = int(np.searchsorted(ticks, round(drawn.acquisition_s), "right"))
     arc.fly(memory, inputs[:stop])
-    return _ask(memory, limit, int(inputs["counter_now_ns"][stop - 1]))
+    return ask(memory, limit, int(inputs["counter_now_ns"][stop - 1]))
 
 
-def _ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
+def ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     """Age of the outage at which flight says that its flag will rise; infinite beyond its horizon, NaN: no answer."""
     held = memory.table.copy()
     memory.load_navigation(limit.values)
