@@ -134,4 +134,4 @@ def ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     governing = int(memory.ahead["governing"][0])
     if governing == Governing.BOUND:
         return float(memory.ahead["t_flag_gps_ns"][0] - memory.nav["t_fix_gps_ns"][0]) * 1e-9
-    return math.inf if governing in (Governing.HORIZON, Governing.EARTH_ORIENTATION) else math.nan
+    return math.inf if governing == Governing.HORIZON else math.nan

@@ -18,12 +18,14 @@ from flightsw.memory import Memory
 from ground.campaign import arc, flown
 from ground.campaign.endurance import ask
 from ground.campaign.outage import LIMITS_M
-from ground.studies.flights import COARSE_TICK_NS, prepare
+from ground.studies.flights import COARSE_TICK_NS, HOUR_NS, NS, prepare
 from ground.tables.build import build_navigation
+from ground.tables.earth_orientation import build_earth_orientation
 
 SCENARIO = "nominal"
 TABLE_SET = "flight"
 FIXES_S = 11_400
+HORIZON_S = 150_000.0  # how far flight is asked to look
 PHASES_DEG = tuple(range(0, 360, 60))
 # the least of two cycles, the largest of two
 DAYS = {"solar minimum": ("2008-08-15", "2019-06-15"), "solar maximum": ("2001-12-15", "2014-02-25")}
@@ -84,14 +86,18 @@ def fly(task: Task) -> Found:
         COARSE_TICK_NS,
     )
     memory = Memory()
-    memory.load(prepared.table().values, prepared.orientation.values)
-    forces = flown.force_images(prepared.world)
+    world = prepared.world
+    start_gps_ns, stop_gps_ns = world.t_start_gps_ns, int(world.t_true_gps_ns[-1]) + round(1.1 * HORIZON_S * NS)
+    orientation = build_earth_orientation(start_gps_ns - HOUR_NS, stop_gps_ns, None)
+    memory.load(prepared.table().values, decode(orientation).values)
+    forces = flown.force_images(world)
     memory.load_forces(*(image.values for image in forces))
     inputs, ticks = prepared.inputs
     stop = int(np.searchsorted(ticks, FIXES_S, "right"))
     arc.fly(memory, inputs[:stop])
-    flight = prepared.world.scenario.flight
-    limits = (decode(build_navigation(flight.table_set, {**flight.table, "limit_m": limit})) for limit in LIMITS_M)
+    flight = world.scenario.flight
+    asked = {**flight.table, "ahead_horizon_s": HORIZON_S}
+    limits = (decode(build_navigation(flight.table_set, asked | {"limit_m": limit})) for limit in LIMITS_M)
     counter_ns = int(inputs["counter_now_ns"][stop - 1])
     values = forces.forces.values
     return Found(
