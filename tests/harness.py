@@ -50,7 +50,7 @@ STATE_FIELDS = (
 )
 
 
-def load(*settings: str, name: str = "nominal") -> LoadedScenario:
+def load(*settings: str, name: str = "two_orbits") -> LoadedScenario:
     """A shipped scenario, a minute long and without an outage unless the settings say otherwise."""
     return scenario.load(name, ["time.duration_s=60", "outage=[]", *settings])
 
@@ -205,7 +205,7 @@ def save_run(flight: Flight, folder: Path) -> Path:
     return folder
 
 
-def flown(*settings: str, name: str = "nominal") -> Flight:
+def flown(*settings: str, name: str = "two_orbits") -> Flight:
     """A scenario flown to its end; bus and journal are closed, the records remain."""
     with Flight(load(*settings, name=name)) as flight:
         return flight.fly()

@@ -85,10 +85,17 @@ ORBITS = {
             ('orbit.source="file"', f'orbit.file="{_SENTINEL_1A}"'),
             _SENTINEL_1A,
         ),
-        Orbit("simulated", "nominal", datetime(2019, 1, 1), LONGEST_S, 0.01, _SIMULATED, None, _SIMULATED_PERIOD_S),
+        Orbit("simulated", "two_orbits", datetime(2019, 1, 1), LONGEST_S, 0.01, _SIMULATED, None, _SIMULATED_PERIOD_S),
         # the real orbits at hand are all of a quiet Sun; this day had F10.7 = 158 and a storm of ap = 94
         Orbit(
-            "simulated_storm", "nominal", datetime(2014, 2, 19), LONGEST_S, 0.01, _SIMULATED, None, _SIMULATED_PERIOD_S
+            "simulated_storm",
+            "two_orbits",
+            datetime(2014, 2, 19),
+            LONGEST_S,
+            0.01,
+            _SIMULATED,
+            None,
+            _SIMULATED_PERIOD_S,
         ),
     )
 }

@@ -22,7 +22,7 @@ from ground.studies.flights import COARSE_TICK_NS, HOUR_NS, NS, prepare
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
 
-SCENARIO = "nominal"
+SCENARIO = "two_orbits"
 TABLE_SET = "flight"
 FIXES_S = 11_400
 HORIZON_S = 150_000.0  # how far flight is asked to look

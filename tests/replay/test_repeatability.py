@@ -48,7 +48,7 @@ def test_two_processes_and_two_paces(tmp_path: Path) -> None:
     runs = []
     for number, pace in enumerate(([], ["--speed", "60"])):
         folder = tmp_path / str(number)
-        command = [sys.executable, "-m", "hil_sim", "run", "nominal", "--out", str(folder), *pace]
+        command = [sys.executable, "-m", "hil_sim", "run", "two_orbits", "--out", str(folder), *pace]
         for setting in ROUGH:
             command += ["--set", setting]
         environment = {**os.environ, "PYTHONHASHSEED": str(number + 1)}

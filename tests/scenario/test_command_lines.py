@@ -120,15 +120,15 @@ def test_flightsw_refuses_wrong_arguments(capsys, arguments: list[str]) -> None:
     [
         (["run", "nominall"], "did you mean"),
         (["run", "no/such.toml"], "no such scenario file"),
-        (["run", "nominal", "--set", "gnss.sigma_postion_m=3"], "did you mean"),
-        (["run", "nominal", "--set", "time.duration_s"], "--set"),
-        (["run", "nominal", "--set", "flight.table_set=nosuch"], "no set named"),
-        (["run", "nominal", "--set", "flight.table.limit_n=5"], "limit_n"),
-        (["run", "nominal", "--set", "flight.table.limit_m=-5"], "limit_m"),
-        (["run", "nominal", "--link", "tcp:1:2"], "udp:HOST:PORT"),
-        (["run", "nominal", "--link", "udp:256.256.1.1:14550"], "--link"),
-        (["run", "nominal", "--out", "/proc/no/such"], "--out"),
-        (["show", "nominal", "--set", "fault=[{kind='nosuch', start_s=5}]"], "no such fault"),
+        (["run", "two_orbits", "--set", "gnss.sigma_postion_m=3"], "did you mean"),
+        (["run", "two_orbits", "--set", "time.duration_s"], "--set"),
+        (["run", "two_orbits", "--set", "flight.table_set=nosuch"], "no set named"),
+        (["run", "two_orbits", "--set", "flight.table.limit_n=5"], "limit_n"),
+        (["run", "two_orbits", "--set", "flight.table.limit_m=-5"], "limit_m"),
+        (["run", "two_orbits", "--link", "tcp:1:2"], "udp:HOST:PORT"),
+        (["run", "two_orbits", "--link", "udp:256.256.1.1:14550"], "--link"),
+        (["run", "two_orbits", "--out", "/proc/no/such"], "--out"),
+        (["show", "two_orbits", "--set", "fault=[{kind='nosuch', start_s=5}]"], "no such fault"),
     ],
 )
 def test_hil_sim_refuses_in_one_line(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
@@ -141,7 +141,7 @@ def test_hil_sim_refuses_in_one_line(tmp_path: Path, capsys, arguments: list[str
 @pytest.mark.parametrize("speed", ["0", "-1", "nan", "inf", "fast", "1e9"])
 def test_hil_sim_refuses_an_impossible_speed(capsys, speed: str) -> None:
     with pytest.raises(SystemExit) as refused:
-        hil_sim_command.main(["run", "nominal", "--speed", speed])
+        hil_sim_command.main(["run", "two_orbits", "--speed", speed])
     assert refused.value.code == 2
     assert "from 0.01 to 10000" in capsys.readouterr().err
 
@@ -149,7 +149,7 @@ def test_hil_sim_refuses_an_impossible_speed(capsys, speed: str) -> None:
 def test_out_that_is_a_file_is_refused(tmp_path: Path, capsys) -> None:
     path = tmp_path / "file"
     path.write_text("")
-    assert hil_sim_command.main(["run", "nominal", "--out", str(path)]) == 2
+    assert hil_sim_command.main(["run", "two_orbits", "--out", str(path)]) == 2
     assert "--out" in one_line(capsys.readouterr().err, "hil_sim")
 
 

@@ -22,7 +22,7 @@ def fly(*faults: str) -> tuple[World, Frames]:
     listed = ", ".join("{" + fault + "}" for fault in faults)
     world = World.build(
         scenario.load(
-            "nominal",
+            "two_orbits",
             ["time.duration_s=60", "outage=[]", "oscillator.drift_ppm=0", f"fault=[{listed}]", "gnss.latency_s=0"],
         )
     )
@@ -90,7 +90,7 @@ def test_a_consistent_ramp_moves_as_its_own_velocity_says(clean) -> None:
 
     def residual(fault: str) -> float:
         quiet = ["gnss.sigma_position_m=0", "gnss.sigma_velocity_mps=0", "outage=[]", "time.duration_s=60"]
-        fixes = World.build(scenario.load("nominal", [*quiet, f"fault=[{fault}]"]))._fixes
+        fixes = World.build(scenario.load("two_orbits", [*quiet, f"fault=[{fault}]"]))._fixes
         r, v = fixes.r_itrf_m[:, 0], fixes.v_itrf_mps[:, 0]
         return float(np.abs(r[2::2] - r[:-2:2] - (v[:-2:2] + 4.0 * v[1:-1:2] + v[2::2]) / 3.0).max())
 

@@ -22,7 +22,7 @@ from hil_sim import scenario
 def main() -> None:
     """Fly the scenario with journal and bus, print percentiles."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("scenario", nargs="?", default="nominal")
+    parser.add_argument("scenario", nargs="?", default="two_orbits")
     parser.add_argument("--set", action="append", default=[])
     options = parser.parse_args()
     loaded = scenario.load(options.scenario, options.set)

@@ -62,7 +62,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory, no_data: Path) -> Ran:
 def outage_world(last_fix_s: float, ages_s: int) -> Prepared:
     """The first arc's scenario with a real outage after the fix of that age."""
     outage = f"outage=[{{start_s={last_fix_s + 0.5!r}, duration_s={float(ages_s)!r}}}]"
-    return prepare("nominal", [*CASE.scenario_settings(0), outage], COARSE_TICK_NS)
+    return prepare("two_orbits", [*CASE.scenario_settings(0), outage], COARSE_TICK_NS)
 
 
 def memory_of(prepared: Prepared) -> Memory:
@@ -84,7 +84,7 @@ def test_errors_are_those_of_an_outage_in_the_simulated_world(ran: Ran) -> None:
 
     In the world the frames are never sent; positions at all ages of the curve agree to the rounding of what is kept.
     """
-    prepared = prepare("nominal", CASE.scenario_settings(0), COARSE_TICK_NS)
+    prepared = prepare("two_orbits", CASE.scenario_settings(0), COARSE_TICK_NS)
     fix_s = last_fix_s(prepared)
     world = outage_world(fix_s, CASE.plan.ages_s[-1] + 60)
     inputs, ticks = world.inputs
@@ -99,7 +99,7 @@ def test_errors_are_those_of_an_outage_in_the_simulated_world(ran: Ran) -> None:
 
 def test_a_return_is_that_of_an_outage_in_the_simulated_world(ran: Ran) -> None:
     """GIVEN the arc's return of fixes after 600 s WHEN the world's outage ends there THEN the errors agree."""
-    prepared = prepare("nominal", CASE.scenario_settings(0), COARSE_TICK_NS)
+    prepared = prepare("two_orbits", CASE.scenario_settings(0), COARSE_TICK_NS)
     fix_s = last_fix_s(prepared)
     tick = int(np.searchsorted(prepared.age_s, fix_s + 600.0))
     # the first fix again is the one that arrives after the tick before; the world's outage ends half a second earlier
@@ -114,7 +114,7 @@ def test_a_return_is_that_of_an_outage_in_the_simulated_world(ran: Ran) -> None:
 
 def test_the_floor_is_the_force_model_from_the_true_state(ran: Ran) -> None:
     """GIVEN the true state at the last fix WHEN the ground's own model carries it on THEN it errs by the floor."""
-    prepared = prepare("nominal", CASE.scenario_settings(0), COARSE_TICK_NS)
+    prepared = prepare("two_orbits", CASE.scenario_settings(0), COARSE_TICK_NS)
     t = prepared.world.t_start_gps_ns + round(last_fix_s(prepared) * NS)
     memory = memory_of(prepared)
     settings = {name: memory.forces[name][0].item() for name in ("area_to_mass_m2pkg", "degree", "f107", "ap")}
@@ -218,7 +218,7 @@ def test_an_orbit_file_by_path_is_flown(
 
     With fixes the error is that of any orbit at 500 km: decimetres. A second of time scale would be 7.6 km.
     """
-    truth = prepare("nominal", ["time.duration_s=6300.0", "outage=[]"], COARSE_TICK_NS).world.truth
+    truth = prepare("two_orbits", ["time.duration_s=6300.0", "outage=[]"], COARSE_TICK_NS).world.truth
     t = np.arange(truth.t_first_gps_ns, truth.t_last_gps_ns, 60 * NS)
     path = tmp_path / "made here.v1.oem"
     path.write_text(oem_kvn([(t, *truth.state_gcrf(t))], frame="GCRF"), encoding="ascii")
@@ -234,7 +234,7 @@ def test_an_orbit_file_by_path_is_flown(
 
 
 def test_options_of_orbit_files_reach_the_scenario(tmp_path: Path) -> None:
-    truth = prepare("nominal", ["time.duration_s=6300.0", "outage=[]"], COARSE_TICK_NS).world.truth
+    truth = prepare("two_orbits", ["time.duration_s=6300.0", "outage=[]"], COARSE_TICK_NS).world.truth
     t = np.arange(truth.t_first_gps_ns, truth.t_last_gps_ns, 60 * NS)
     path = tmp_path / "x.oem"
     path.write_text(oem_kvn([(t, *truth.state_gcrf(t))], frame="GCRF", scale="GPS"), encoding="ascii")
@@ -289,7 +289,7 @@ def test_a_folder_that_is_a_file_is_refused(no_data: Path, tmp_path: Path, capsy
 def test_an_orbit_file_that_is_too_short_or_none_is_refused(
     no_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = prepare("nominal", ["time.duration_s=600.0", "outage=[]"], COARSE_TICK_NS).world.truth
+    truth = prepare("two_orbits", ["time.duration_s=600.0", "outage=[]"], COARSE_TICK_NS).world.truth
     t = np.arange(truth.t_first_gps_ns, truth.t_last_gps_ns, 30 * NS)
     short = tmp_path / "short.oem"
     short.write_text(oem_kvn([(t, *truth.state_gcrf(t))], frame="GCRF"), encoding="ascii")

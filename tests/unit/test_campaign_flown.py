@@ -19,7 +19,7 @@ def test_the_flight_set_flies_with_forces() -> None:
     """GIVEN the flight set on a world whose outage begins after 120 s WHEN flown through the arc THEN the flag never
     says that a bound is missing, and 100 s into the outage the error is metres, within the bound."""
     prepared = prepare(
-        "nominal",
+        "two_orbits",
         ['flight.table_set="flight"', "time.duration_s=220", "outage=[{start_s=120.0, duration_s=150.0}]"],
         NS,
     )

@@ -34,7 +34,7 @@ REPORTED = ("attitude.sigma_rad=0.001", "attitude.rate_hz=2")
 
 
 def build(*settings: str) -> World:
-    return World.build(scenario.load("nominal", [*PLAIN, *settings]))
+    return World.build(scenario.load("two_orbits", [*PLAIN, *settings]))
 
 
 def heard(world: World, layout: FrameLayout) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +67,7 @@ def test_burns_are_announced_as_commanded_and_flown_with_their_errors() -> None:
     assert flown[0].dv_mps != (0.1, 1.0, -0.2)
     assert flown[1].dv_mps == (0.0, -1.0, 0.0)
     assert flown[3].dv_mps[1] != 0.05
-    assert flown_burns(scenario.load("nominal", [*PLAIN, TWO_BURNS, "seed=2"]))[0] != flown[0]
+    assert flown_burns(scenario.load("two_orbits", [*PLAIN, TWO_BURNS, "seed=2"]))[0] != flown[0]
 
 
 def test_the_truth_has_the_burns_and_the_announcement_does_not_change_it() -> None:

@@ -22,7 +22,7 @@ QUIET = ("gnss.sigma_position_m=0", "gnss.sigma_velocity_mps=0")
 
 @pytest.fixture(scope="module")
 def truth():
-    return build_truth(scenario.load("nominal", ORBIT))
+    return build_truth(scenario.load("two_orbits", ORBIT))
 
 
 def times(truth, step_s: float = 7.0, margin_s: float = 60.0) -> np.ndarray:
@@ -31,7 +31,7 @@ def times(truth, step_s: float = 7.0, margin_s: float = 60.0) -> np.ndarray:
 
 
 def build(*settings: str) -> World:
-    return World.build(scenario.load("nominal", [*ORBIT, *settings]))
+    return World.build(scenario.load("two_orbits", [*ORBIT, *settings]))
 
 
 def test_nadir_pointing_axes(truth) -> None:

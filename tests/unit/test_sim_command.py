@@ -25,7 +25,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "nominal",
             "paper_outage",
         ),
-        *("sentinel3a_outage", "unannounced_burn"),
+        *("sentinel3a_outage", "two_orbits", "unannounced_burn"),
     ]
 
 
@@ -51,7 +51,7 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
 
 
 def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["show", "nominal", "--set", "seed=7"]) == 0
+    assert main(["show", "two_orbits", "--set", "seed=7"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split() for line in lines if line.startswith("seed ")] == [["seed", "7", "--set"]]
 
@@ -60,8 +60,8 @@ def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:
     "arguments",
     [
         ["show", "nomnal"],
-        ["show", "nominal", "--set", "gnss.sigma=1"],
-        ["run", "nominal", "--set", "seed=one"],
+        ["show", "two_orbits", "--set", "gnss.sigma=1"],
+        ["run", "two_orbits", "--set", "seed=one"],
         ["show", "absent.toml"],
     ],
 )
@@ -73,7 +73,7 @@ def test_refusals_take_one_line_and_exit_2(arguments: list[str], capsys: pytest.
     assert captured.err.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["run"], ["show", "nominal", "--sett", "seed=1"]])
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["run"], ["show", "two_orbits", "--sett", "seed=1"]])
 def test_usage_errors_exit_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(arguments)

@@ -12,7 +12,7 @@ from hil_sim.sensors.oscillator import Oscillator
 from hil_sim.sensors.streams import open_streams
 from hil_sim.world import World
 
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 HOUR_NS = 3600 * gps_time.NS
 
 
@@ -77,7 +77,7 @@ def test_streams_are_independent_and_repeatable() -> None:
 
 
 def build(*overrides: str) -> World:
-    return World.build(scenario.load("nominal", ["time.duration_s=1200", "outage=[]", *overrides]))
+    return World.build(scenario.load("two_orbits", ["time.duration_s=1200", "outage=[]", *overrides]))
 
 
 def test_fixes_measure_the_truth_with_the_noise_asked_for() -> None:
@@ -104,7 +104,7 @@ def test_dropouts_happen_as_often_as_asked() -> None:
 
 
 def claimed(**gnss: float) -> World:
-    loaded = scenario.load("nominal", ["time.duration_s=60", "outage=[]"])
+    loaded = scenario.load("two_orbits", ["time.duration_s=60", "outage=[]"])
     settings = Gnss(sigma_position_m=3.0, sigma_velocity_mps=0.1, **gnss)
     return World.build(loaded._replace(scenario=msgspec.structs.replace(loaded.scenario, gnss=settings)))
 

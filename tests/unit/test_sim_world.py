@@ -20,7 +20,7 @@ SYNC, POSITION, VELOCITY = 0x100, 0x110, 0x111
 
 
 def build(*overrides: str) -> World:
-    return World.build(scenario.load("nominal", ["time.duration_s=60", "outage=[]", *overrides]))
+    return World.build(scenario.load("two_orbits", ["time.duration_s=60", "outage=[]", *overrides]))
 
 
 def fly(world: World) -> list[tuple[int, int, bytes]]:

@@ -34,7 +34,7 @@ def test_fixes_are_those_of_the_frames(sky: arcs.Sky) -> None:
     case = Case(arcs.ALL_ORBITS["simulated"], "white", Plan.of(86_400), "flight")
     silent = ("gnss.sigma_position_m=0.0", "gnss.sigma_velocity_mps=0.0", "time.duration_s=300.0")
     start = f'time.start="{(sky.orbit.start + arcs.timedelta(seconds=1)).isoformat()}"'
-    inputs, _ = prepare("nominal", [*case.scenario_settings(0), start, *silent], COARSE_TICK_NS).inputs
+    inputs, _ = prepare("two_orbits", [*case.scenario_settings(0), start, *silent], COARSE_TICK_NS).inputs
     framed = inputs[inputs["fix_present"] == 1]
     track = arcs.Track.of(sky, 0, 300)
     counter = arcs.COUNTER_0_NS + np.arange(300, dtype=np.int64) * NS
@@ -52,7 +52,7 @@ def test_truth_at_the_calls_is_the_motion(sky: arcs.Sky) -> None:
     """GIVEN the truth's own interpolation WHEN a call comes a little after a second THEN both agree to micrometres."""
     settings = ("outage=[]", 'time.scale="gps"', f"time.duration_s={float(SPAN_S)}", *sky.orbit.settings)
     start = f'time.start="{(sky.orbit.start + arcs.timedelta(seconds=1)).isoformat()}"'
-    truth, _ = true_motion("nominal", (*settings, start))
+    truth, _ = true_motion("two_orbits", (*settings, start))
     r, v = arcs.Track.of(sky, 100, 500).at_calls()
     r_true, v_true = truth.state_gcrf(sky.t_gps_ns[100:600] + arcs.AFTER_NS)
     np.testing.assert_allclose(r, r_true, rtol=0, atol=1e-5)
@@ -118,7 +118,7 @@ def test_a_burn_moves_the_orbit_as_satkit_moves_it(sky: arcs.Sky) -> None:
     settings = ("outage=[]", 'time.scale="gps"', start, f"time.duration_s={float(SPAN_S)}", *sky.orbit.settings)
     dv = (1.0, 4.0, -2.0)
     burn = f"burn=[{{start_s=200.0, duration_s=20.0, dv_mps={list(dv)}, announced=false}}]"
-    truth, _ = true_motion("nominal", (*settings, burn))
+    truth, _ = true_motion("two_orbits", (*settings, burn))
     (moved,) = kicked(arcs.Track.of(sky, 0, 2000), [Burn(200, 20, np.array(dv))])
     r, v = truth.state_gcrf(sky.t_gps_ns[:2000])
     away = np.linalg.norm(r - sky.r_m[:2000], axis=1)

@@ -14,7 +14,7 @@ from hil_sim.truth.burns import FlownBurn
 from hil_sim.truth.satkit_data import satkit_time, session
 
 NS = 1_000_000_000
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 ORBIT = Orbit(semi_major_axis_m=6_748_136.3, eccentricity=0.0005, inclination_deg=97.5)
 MODEL = TruthModel(area_to_mass_m2pkg=0.02)
 RUN_S = 3000.0
@@ -101,6 +101,6 @@ def test_a_wrong_step_is_refused_by_name(settings: tuple[str, ...], words: tuple
     """GIVEN a step that is incomplete, misspelt, too late or too large WHEN the scenario is loaded THEN key and remedy
     are named."""
     with pytest.raises(ScenarioError) as refused:
-        scenario.load("nominal", settings)
+        scenario.load("two_orbits", settings)
     for word in words:
         assert word in str(refused.value)

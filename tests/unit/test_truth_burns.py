@@ -14,7 +14,7 @@ from hil_sim.truth.piecewise import PiecewiseTrack
 from hil_sim.truth.satkit_data import satkit_time, session
 
 NS = 1_000_000_000
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 ORBIT = Orbit(semi_major_axis_m=6_878_136.3, eccentricity=0.0005, inclination_deg=97.5)
 MODEL = TruthModel()
 RUN_S = 3000.0

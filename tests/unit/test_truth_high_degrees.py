@@ -12,7 +12,7 @@ from hil_sim.truth import high_degrees, propagated
 from hil_sim.truth.earth_rotation import EarthOrientation
 from tests.unit.test_truth_propagated import ORBIT_500_KM
 
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 SECONDS = gps_time.NS
 
 
@@ -128,6 +128,6 @@ def test_degrees_it_does_not_have_are_refused(degrees: tuple[int, int]) -> None:
 def test_a_wrong_degree_is_refused_by_name(settings: tuple[str, ...], words: tuple[str, ...]) -> None:
     """GIVEN a degree that adds nothing, or more than there is WHEN the scenario is loaded THEN the key is named."""
     with pytest.raises(ScenarioError) as caught:
-        scenario.load("nominal", settings)
+        scenario.load("two_orbits", settings)
     for word in words:
         assert word in str(caught.value)

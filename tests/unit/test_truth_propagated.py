@@ -17,7 +17,7 @@ from hil_sim.truth import propagated
 from hil_sim.truth.earth_rotation import packaged_finals
 from hil_sim.truth.satkit_data import fixed_space_weather, satkit_time, session
 
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 ORBIT_500_KM = Orbit(semi_major_axis_m=6_878_136.3, eccentricity=0.0005, inclination_deg=65.0)
 MU_M3PS2 = 3.986004415e14
 SECONDS = gps_time.NS
@@ -138,7 +138,7 @@ def test_threads_do_not_mix_their_space_weather() -> None:
 
 def test_span_without_daily_space_weather_is_refused_unless_fixed() -> None:
     """GIVEN a date for which only monthly solar predictions exist THEN it is refused, and F10.7 fixed lets it pass."""
-    loaded = scenario.load("nominal", ["time.start=2027-03-01T00:00:00"])
+    loaded = scenario.load("two_orbits", ["time.start=2027-03-01T00:00:00"])
     orbit, start = loaded.scenario.orbit, loaded.t_start_gps_ns
     with pytest.raises(DataError, match="fixed:150"):
         propagated.propagate(orbit, TruthModel(), start, 600 * SECONDS)
@@ -146,7 +146,7 @@ def test_span_without_daily_space_weather_is_refused_unless_fixed() -> None:
 
 
 def test_span_without_earth_orientation_is_refused() -> None:
-    start = scenario.load("nominal", ["time.start=2035-03-01T00:00:00"]).t_start_gps_ns
+    start = scenario.load("two_orbits", ["time.start=2035-03-01T00:00:00"]).t_start_gps_ns
     with pytest.raises(DataError, match="earth_orientation_file"):
         propagated.propagate(ORBIT_500_KM, TruthModel(solar="fixed:150"), start, 600 * SECONDS)
 
@@ -168,7 +168,7 @@ from hil_sim.errors import DataError
 from hil_sim.scenario_schema import Orbit, TruthModel
 from hil_sim.truth import propagated
 def run(finals=None):
-    start = scenario.load("nominal").t_start_gps_ns
+    start = scenario.load("two_orbits").t_start_gps_ns
     try:
         truth = propagated.propagate(
             Orbit(period_s=5700.0), TruthModel(), start, 600 * 10**9, finals_path=finals)

@@ -15,7 +15,7 @@ from hil_sim.truth.interface import TrackTruth
 from hil_sim.truth.orbit_files.read import read_orbit
 from hil_sim.truth.real_orbit import evenly_spaced
 
-T0_NS = scenario.load("nominal").t_start_gps_ns
+T0_NS = scenario.load("two_orbits").t_start_gps_ns
 STEP_NS = 60 * gps_time.NS
 COUNT = 41
 TIMES = T0_NS + np.arange(COUNT) * STEP_NS
