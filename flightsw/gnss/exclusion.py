@@ -1,0 +1,102 @@
+"""Which satellites to leave out: the paper's greedy rule, and the fewest whose absence leaves a consistent rest.
+
+The greedy rule drops the largest weighted squared residual; faults hide one another from it. The other one looks at
+sets in order of their size. All singles and all pairs are looked at; from there on the best sets of one size (a beam) are
+each grown by every satellite. Of the sets of the smallest size that leave a consistent rest, that with the smallest RSS
+is taken. Since a set of k + 1 is sought among all neighbours of many sets of k, what was wrongly taken first is not kept.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.gnss.declare import kernel
+from flightsw.gnss.records import BEAM
+from flightsw.gnss.residuals import FLOOR, begin, bit, largest_normalised, take_out, take_out_all
+
+
+@kernel
+def greedy(table, work, n, dof, result):
+    """The paper's rule; returns the mask of places left out, or 0: nothing admissible helps."""
+    rss = begin(work, n)
+    mask, depth = 0, 0
+    while dof - depth >= 2 and depth < table["faulty_max"]:
+        worst, most = -1, 0.0
+        for i in range(n):
+            square = work["left"][i] * work["left"][i]
+            if work["diagonal"][i] > FLOOR and square > most:
+                worst, most = i, square
+        if worst < 0:
+            return 0
+        rss -= take_out(work, n, depth, worst)
+        mask |= bit(worst)
+        depth += 1
+        result["candidates"] += 1
+        if rss <= table["threshold"][dof - depth]:
+            return mask
+    return 0
+
+
+@kernel
+def _offer(work, side, kept, mask, rss):
+    """Put a set into the beam, in order of RSS, once; returns how many it holds."""
+    masks, values = work["beam_mask"][side], work["beam_rss"][side]
+    if kept == BEAM and rss >= values[BEAM - 1]:
+        return kept
+    for place in range(kept):
+        if masks[place] == mask:
+            return kept
+    place = min(kept, BEAM - 1)
+    while place > 0 and values[place - 1] > rss:
+        masks[place] = masks[place - 1]
+        values[place] = values[place - 1]
+        place -= 1
+    masks[place] = mask
+    values[place] = rss
+    return min(kept + 1, BEAM)
+
+
+@kernel
+def _grow(table, work, n, side, kept, result):
+    """Fill the other side of the beam with the kept sets, each grown by one; returns how many it then holds."""
+    grown = 0
+    for place in range(kept):
+        mask = work["beam_mask"][side, place]
+        rss, _, _ = take_out_all(work, n, mask)
+        for i in range(n):
+            if work["diagonal"][i] > FLOOR:
+                if result["candidates"] >= table["candidates_max"]:
+                    result["out_of_budget"] = 1
+                    return grown
+                result["candidates"] += 1
+                left = work["left"][i]
+                grown = _offer(work, 1 - side, grown, mask | bit(i), rss - left * left / work["diagonal"][i])
+    return grown
+
+
+@kernel
+def fewest(table, work, n, dof, result):
+    """The smallest set whose absence leaves a consistent rest; returns its mask of places, 0: there is none."""
+    side, kept = 0, 1
+    work["beam_mask"][0, 0], work["beam_rss"][0, 0] = 0, 0.0
+    size = 0
+    while dof - size >= 2 and size < table["faulty_max"] and result["out_of_budget"] == 0:
+        kept = _grow(table, work, n, side, kept, result)
+        side = 1 - side
+        size += 1
+        found, gap = 0, math.inf
+        for place in range(kept):
+            rss, mask = work["beam_rss"][side, place], work["beam_mask"][side, place]
+            if rss > table["threshold"][dof - size]:
+                break
+            if found != 0 and rss - gap > table["ambiguity"]:
+                break
+            take_out_all(work, n, mask)
+            if largest_normalised(work, n)[0] <= table["isolate_threshold"]:
+                if found != 0:
+                    result["rival"], result["rival_gap"] = mask, rss - gap
+                    return found
+                found, gap = mask, rss
+        if found != 0:
+            return found
+    return 0
