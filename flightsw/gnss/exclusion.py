@@ -12,7 +12,7 @@ import math
 
 from flightsw.gnss.declare import kernel
 from flightsw.gnss.records import BEAM
-from flightsw.gnss.residuals import FLOOR, begin, bit, largest_normalised, take_out, take_out_all
+from flightsw.gnss.residuals import FLOOR, RESIDUAL, begin, bit, largest_normalised, take_out, take_out_all
 
 
 @kernel
@@ -75,28 +75,70 @@ def _grow(table, work, n, side, kept, result):
 
 
 @kernel
+def _cost(table, work, n, mask):
+    """How improbable a set is: twice the negative logarithm of its posterior, but for a constant.
+
+    Sizes of the faults are Gaussian with a variance that they share; it is estimated from them (empirical Bayes). Any
+    number k of faults among n satellites is as likely as the next but for the table's odds, any set of k the same:
+
+        RSS_E + k 2 ln odds + 2 ln C(n, k) + ln det(tau^2 S_EE),     tau^2 = mean of squared sizes S_EE^-1 r_E
+
+    so that a small outlier among large faults costs more than among its like, and a second fault more than a sixth.
+    inf: something in it has no redundancy.
+    """
+    rss, depth, _ = take_out_all(work, n, mask)
+    size = work["size"]
+    levels = work["levels"]
+    members = work["member"]
+    count = 0
+    for i in range(n):
+        if mask & bit(i):
+            members[count] = i
+            count += 1
+    if depth != count:
+        return math.inf
+    squares, logs = 0.0, 0.0
+    for k in range(count):
+        logs += 2.0 * math.log((n - k) / (k + 1.0))
+    for back in range(count):
+        d = count - 1 - back
+        value = levels[d, RESIDUAL]
+        for e in range(d + 1, count):
+            value -= levels[d, members[e]] * size[e]
+        pivot = levels[d, members[d]]
+        size[d] = value / pivot
+        squares += size[d] * size[d]
+        logs += 2.0 * math.log(pivot)
+    tau2 = max(squares / count, 1.0)
+    return rss + logs + count * (table["isolate_odds"] + math.log(tau2))
+
+
+@kernel
 def fewest(table, work, n, dof, result):
-    """The smallest set whose absence leaves a consistent rest; returns its mask of places, 0: there is none."""
+    """The most probable set of those whose absence leaves a consistent rest; its mask of places, 0: there is none."""
     side, kept = 0, 1
     work["beam_mask"][0, 0], work["beam_rss"][0, 0] = 0, 0.0
-    size = 0
-    while dof - size >= 2 and size < table["faulty_max"] and result["out_of_budget"] == 0:
+    size, last = 0, table["faulty_max"]
+    found, least = 0, math.inf
+    rival, second = 0, math.inf
+    while dof - size >= 2 and size < last and result["out_of_budget"] == 0:
         kept = _grow(table, work, n, side, kept, result)
         side = 1 - side
         size += 1
-        found, gap = 0, math.inf
         for place in range(kept):
-            rss, mask = work["beam_rss"][side, place], work["beam_mask"][side, place]
-            if rss > table["threshold"][dof - size]:
+            mask = work["beam_mask"][side, place]
+            if work["beam_rss"][side, place] > table["threshold"][dof - size]:
                 break
-            if found != 0 and rss - gap > table["ambiguity"]:
-                break
-            take_out_all(work, n, mask)
-            if largest_normalised(work, n)[0] <= table["isolate_threshold"]:
-                if found != 0:
-                    result["rival"], result["rival_gap"] = mask, rss - gap
-                    return found
-                found, gap = mask, rss
-        if found != 0:
-            return found
-    return 0
+            if found == 0:
+                last = min(last, size + table["further"])
+            cost = _cost(table, work, n, mask)
+            if cost < second and largest_normalised(work, n)[0] <= table["local_threshold"]:
+                if cost < least:
+                    if found & mask != found:
+                        rival, second = found, least
+                    found, least = mask, cost
+                elif found & mask != found and found & mask != mask:
+                    rival, second = mask, cost
+    if rival & found != rival and second - least < table["ambiguity"]:
+        result["rival"], result["rival_gap"] = rival, second - least
+    return found

@@ -78,7 +78,8 @@ GNSS_TABLE = np.dtype(
         ("sigma_factor", "f8"),  # bound of the unit-weight standard deviation in normal operation
         ("threshold", "f8", (SATELLITES + 1,)),  # of RSS by degrees of freedom
         ("local_threshold", "f8"),  # squared normalised residual that one satellite may have
-        ("isolate_threshold", "f8"),  # the same, once the epoch has been found inconsistent
+        ("further", "i8"),  # exclusions more than the fewest that are looked at
+        ("isolate_odds", "f8"),  # 2 ln of the odds against a fault, once an epoch is inconsistent
         ("ambiguity", "f8"),  # gap of RSS below which two explanations are not told apart
         ("earth_rate_radps", "f8"),
         ("radius_min_m", "f8"),  # of a navigation satellite
@@ -133,6 +134,8 @@ WORK = np.dtype(
         ("levels", "f8", (SATELLITES + 1, WIDTH)),  # rows of a partial Cholesky factor
         ("diagonal", "f8", (SATELLITES,)),
         ("left", "f8", (SATELLITES,)),
+        ("size", "f8", (EXCLUDED,)),
+        ("member", "i8", (EXCLUDED,)),
         ("beam_mask", "i8", (2, BEAM)),
         ("beam_rss", "f8", (2, BEAM)),
         ("mode_p", "f8", (MODES,)),

@@ -40,8 +40,9 @@ class Settings:
     sigma_factor: float = 1.0
     faulty_max: int = 7
     candidates_max: int = 20_000
-    isolate_sigmas: float = 3.5
-    ambiguity: float = 6.0
+    isolate_odds: float = 9.0
+    further: int = 2
+    ambiguity: float = 4.6
     earth_rate_radps: float = EARTH_RATE_RADPS
     protect: bool = False
     p_satellite: tuple[float, ...] = (1e-5, 1e-4, 3e-5, 1e-5)
@@ -59,7 +60,8 @@ class Settings:
             ("sigma_factor", not 0.0 < self.sigma_factor < 1e6),
             ("faulty_max", not 0 <= self.faulty_max <= EXCLUDED),
             ("candidates_max", not 0 <= self.candidates_max < 1 << 40),
-            ("isolate_sigmas", not self.isolate_sigmas > 0.0),
+            ("isolate_odds", not abs(self.isolate_odds) < 1e3),
+            ("further", not 0 <= self.further <= EXCLUDED),
             ("ambiguity", not self.ambiguity >= 0.0),
             ("earth_rate_radps", not abs(self.earth_rate_radps) < 1e-3),
             ("p_satellite", not _priors(self.p_satellite)),
@@ -88,7 +90,7 @@ def build_table(settings: Settings) -> np.ndarray:
     """The table (1,), read-only."""
     table = np.zeros(1, GNSS_TABLE)
     record = table[0]
-    for name in ("rule", "faulty_max", "candidates_max", "protect", "sigma_factor", "ambiguity", "earth_rate_radps"):
+    for name in ("rule", "faulty_max", "candidates_max", "protect", "sigma_factor", "ambiguity", "earth_rate_radps", "further", "isolate_odds"):
         record[name] = getattr(settings, name)
     for name in ("p_satellite", "p_constellation", "p_hmi", "p_unmonitored", "bias_m", "alert_limit_m"):
         record[name] = getattr(settings, name)
@@ -97,7 +99,6 @@ def build_table(settings: Settings) -> np.ndarray:
     sigmas = normal_quantile(settings.local_alpha / 32) if settings.local_alpha > 0.0 else math.inf
     record["local_threshold"] = sigmas * sigmas
     record["k_false_alarm"] = sigmas if settings.local_alpha > 0.0 else 0.0
-    record["isolate_threshold"] = settings.isolate_sigmas**2
     record["radius_min_m"], record["radius_max_m"] = 2.0e7, 5.0e7
     record["range_min_m"], record["range_max_m"] = 1.0e6, 1.0e8
     table.flags.writeable = False
