@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from flightsw.gnss.declare import ROOM, entry, kernel
-from flightsw.gnss.exclusion import fewest, greedy
+from flightsw.gnss.exclusion import greedy, probable
 from flightsw.gnss.protection import protect
 from flightsw.gnss.records import AXES, CONSTELLATIONS, EPOCH, GNSS_TABLE, RESULT, SATELLITES, WORK, Row, Rule, Verdict
 from flightsw.gnss.residuals import FLOOR, begin, bit, largest_normalised, local_axes, reduce_system
@@ -128,7 +128,7 @@ def _exclude(table, epoch, work, n, r, dof, result):
             mask = greedy(table, work, n, dof, result)
         else:
             result["rival"], result["rival_gap"] = 0, math.inf
-            mask = fewest(table, work, n, dof, result)
+            mask = probable(table, work, n, dof, result)
         if mask == 0:
             return 0
         for i in range(n):
@@ -199,7 +199,8 @@ def _judge(table, epoch, work, result):
     for i in range(n):
         if mask & bit(i):
             result["row_state"][work["row"][i]] = _OUT
-    if result["dof"] < 1 or not (result["statistic"] <= result["threshold"]):
+    passed = result["statistic"] <= result["threshold"] and result["largest"] <= table["local_threshold"]
+    if result["dof"] < 1 or not passed:
         return _INCONSISTENT
     return _AMBIGUOUS if result["rival"] != 0 else _EXCLUDED
 
@@ -215,6 +216,8 @@ def _declare(room):
             result["verdict"] = verdict
             if table["protect"] != 0 and verdict <= _UNTESTED:
                 protect(table, work, work["count"], result)
+                if verdict > _EXCLUDED:  # the levels do not cover the other explanation
+                    result["available"] = 0
             result["code"] = room
 
     return gnss_epoch

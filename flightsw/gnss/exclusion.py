@@ -1,9 +1,9 @@
-"""Which satellites to leave out: the paper's greedy rule, and the fewest whose absence leaves a consistent rest.
+"""Which satellites to leave out: the paper's greedy rule, and the most probable explanation of the epoch.
 
-The greedy rule drops the largest weighted squared residual; faults hide one another from it. The other one looks at
-sets in order of their size. All singles and all pairs are looked at; from there on the best sets of one size (a beam) are
-each grown by every satellite. Of the sets of the smallest size that leave a consistent rest, that with the smallest RSS
-is taken. Since a set of k + 1 is sought among all neighbours of many sets of k, what was wrongly taken first is not kept.
+The greedy rule drops the largest weighted squared residual; faults hide one another from it. The other one looks at sets
+in order of their size: all singles and all pairs; from there on the best sets of one size (a beam) are each grown by
+every satellite. From the fewest exclusions that leave a consistent rest, and sets a little larger, the most probable is
+taken. Nothing that was taken first has to be kept.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _cost(table, work, n, mask):
 
 
 @kernel
-def fewest(table, work, n, dof, result):
+def probable(table, work, n, dof, result):
     """The most probable set of those whose absence leaves a consistent rest; its mask of places, 0: there is none."""
     side, kept = 0, 1
     work["beam_mask"][0, 0], work["beam_rss"][0, 0] = 0, 0.0

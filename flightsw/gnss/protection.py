@@ -23,7 +23,7 @@ _FAR = 9.0  # sigmas: 1e-19
 
 
 @kernel
-def _mode(table, work, n, mode, mask, probability):
+def _mode(table, work, n, result, mode, mask, probability):
     """Add a fault mode; returns how many there are, or the same number where the fix cannot do without it."""
     _, depth, seen = take_out_all(work, n, mask)
     if not seen:
@@ -45,7 +45,7 @@ def _mode(table, work, n, mode, mask, probability):
                 bias += abs(gain) * math.sqrt(work["weight"][i])
         passed = max(table["k_false_alarm"] * math.sqrt(spread), abs(apart))
         work["mode_reach_m"][mode, q] = passed + bias * table["bias_m"]
-        work["mode_sigma_m"][mode, q] = math.sqrt(work["mode_sigma_m"][0, q] ** 2 + spread) if mode > 0 else 0.0
+        work["mode_sigma_m"][mode, q] = math.sqrt(result["sigma_m"][q] ** 2 + spread)
     return mode + 1
 
 
@@ -97,25 +97,21 @@ def protect(table, work, n, result):
     pairs = pairs_p > table["p_unmonitored"] * least
     # three faults at once, and pairs with a constellation in them, are never modes
     unmonitored = priors**3 / 6.0 + (of_constellations + across * (priors - across) if pairs else pairs_p)
-    for q in range(AXES):
-        work["mode_sigma_m"][0, q] = result["sigma_m"][q]
-    modes = _mode(table, work, n, 0, 0, 2.0)
-    for q in range(AXES):
-        work["mode_sigma_m"][0, q] = result["sigma_m"][q]
+    modes = _mode(table, work, n, result, 0, 0, 2.0)
     for j in range(CONSTELLATIONS):
         if work["sum"][j, 0] > 0.0 and table["p_constellation"][j] > 0.0:
             mask = 0
             for i in range(n):
                 if work["used"][i] != 0 and work["clock_of"][i] == j:
                     mask |= bit(i)
-            more = _mode(table, work, n, modes, mask, table["p_constellation"][j]) if present > 1 else modes
+            more = _mode(table, work, n, result, modes, mask, table["p_constellation"][j]) if present > 1 else modes
             if more == modes:
                 unmonitored += table["p_constellation"][j]
             modes = more
     for i in range(n):
         p_i = table["p_satellite"][work["clock_of"][i]]
         if work["used"][i] != 0 and p_i > 0.0:
-            more = _mode(table, work, n, modes, bit(i), p_i)
+            more = _mode(table, work, n, result, modes, bit(i), p_i)
             if more == modes:
                 unmonitored += p_i
             modes = more
@@ -123,7 +119,7 @@ def protect(table, work, n, result):
                 for k in range(i):
                     p = p_i * table["p_satellite"][work["clock_of"][k]]
                     if work["used"][k] != 0 and p > 0.0:
-                        more = _mode(table, work, n, modes, bit(i) | bit(k), p)
+                        more = _mode(table, work, n, result, modes, bit(i) | bit(k), p)
                         if more == modes:
                             unmonitored += p
                         modes = more

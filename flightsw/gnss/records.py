@@ -59,7 +59,7 @@ class Rule(IntEnum):
     """Which exclusion."""
 
     GREEDY = 0  # the paper's: largest weighted squared residual, again and again
-    FEWEST = 1  # fewest exclusions that leave a consistent rest, by a bounded search
+    PROBABLE = 1  # most probable set whose absence leaves a consistent rest, by a bounded search
 
 
 class Consistency(IntEnum):

@@ -29,18 +29,19 @@ class Settings:
 
     alpha: false alarms per epoch of the test of all residuals together. local_alpha: of the largest normalised
     residual, over all satellites; 0: no such test. sigma_factor: bound of the unit-weight standard deviation.
-    isolate_sigmas: normalised residual that may stay once an epoch is inconsistent. p_satellite, p_constellation: fault
-    priors per epoch, by constellation; p_hmi: allowed east, north, up.
+    isolate_odds: 2 ln of the odds against one more fault, once an epoch is inconsistent; further: how many exclusions
+    beyond the fewest are weighed. ambiguity: 2 ln of the odds below which two explanations are not told apart (4.6: ten to
+    one). p_satellite, p_constellation: fault priors per epoch, by constellation; p_hmi: allowed east, north, up.
     """
 
-    rule: Rule = Rule.FEWEST
+    rule: Rule = Rule.PROBABLE
     test: Consistency = Consistency.CHI_SQUARE
     alpha: float = 5e-4
     local_alpha: float = 5e-4
     sigma_factor: float = 1.0
     faulty_max: int = 7
     candidates_max: int = 20_000
-    isolate_odds: float = 9.0
+    isolate_odds: float = 7.0
     further: int = 2
     ambiguity: float = 4.6
     earth_rate_radps: float = EARTH_RATE_RADPS
