@@ -1,9 +1,9 @@
 """Which satellites to leave out: the paper's greedy rule, and the most probable explanation of the epoch.
 
-The greedy rule drops the largest weighted squared residual; faults hide one another from it. The other one looks at sets
-in order of their size: all singles and all pairs; from there on the best sets of one size (a beam) are each grown by
-every satellite. From the fewest exclusions that leave a consistent rest, and sets a little larger, the most probable is
-taken. Nothing that was taken first has to be kept.
+The greedy rule drops the largest weighted squared residual; faults hide one another from it. The other one looks at
+sets in order of their size: all singles and all pairs; from there on the best sets of one size (a beam) are each grown
+by every satellite. From the fewest exclusions that leave a consistent rest, and sets a little larger, the most probable
+is taken. Nothing that was taken first has to be kept.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ def _level(work, modes, axis, allowed):
 
 @kernel
 def protect(table, work, n, result):
-    """Fill protection levels (east, north, up), availability, number of modes; the reduced system is that of the fix."""
+    """Fill protection levels (east, north, up), availability, number of modes, from the reduced system of the fix."""
     priors, pairs_p = 0.0, 0.0
     present = 0
     for j in range(CONSTELLATIONS):

@@ -1,6 +1,6 @@
 """The space of residuals about a fix: what every set of exclusions would change, without solving again.
 
-Whitened ranges y = A x + e give residuals r = S y with S = I - A (A'A)^-1 A', and position x = K y. Leaving out a set E is
+Whitened ranges y = A x + e give residuals r = S y, S = I - A (A'A)^-1 A', and a position x = K y. Without a set E
 
     RSS_E = RSS - r_E' S_EE^-1 r_E,    x_E = x - K_E S_EE^-1 r_E,    P_E = P + K_E S_EE^-1 K_E'
 

@@ -30,8 +30,8 @@ class Settings:
     alpha: false alarms per epoch of the test of all residuals together. local_alpha: of the largest normalised
     residual, over all satellites; 0: no such test. sigma_factor: bound of the unit-weight standard deviation.
     isolate_odds: 2 ln of the odds against one more fault, once an epoch is inconsistent; further: how many exclusions
-    beyond the fewest are weighed. ambiguity: 2 ln of the odds below which two explanations are not told apart (4.6: ten to
-    one). p_satellite, p_constellation: fault priors per epoch, by constellation; p_hmi: allowed east, north, up.
+    beyond the fewest are weighed. ambiguity: 2 ln of the odds below which two explanations are not told apart (4.6: ten
+    to one). p_satellite, p_constellation: fault priors per epoch, by constellation; p_hmi: allowed east, north, up.
     """
 
     rule: Rule = Rule.PROBABLE
@@ -91,7 +91,17 @@ def build_table(settings: Settings) -> np.ndarray:
     """The table (1,), read-only."""
     table = np.zeros(1, GNSS_TABLE)
     record = table[0]
-    for name in ("rule", "faulty_max", "candidates_max", "protect", "sigma_factor", "ambiguity", "earth_rate_radps", "further", "isolate_odds"):
+    for name in (
+        "rule",
+        "faulty_max",
+        "candidates_max",
+        "protect",
+        "sigma_factor",
+        "ambiguity",
+        "earth_rate_radps",
+        "further",
+        "isolate_odds",
+    ):
         record[name] = getattr(settings, name)
     for name in ("p_satellite", "p_constellation", "p_hmi", "p_unmonitored", "bias_m", "alert_limit_m"):
         record[name] = getattr(settings, name)

@@ -16,7 +16,7 @@ LIGHT_MPS = 299_792_458.0
 _ITERATIONS = 15
 _SETTLED_M = 1e-4
 _SINGULAR = 1e-9  # least pivot of the normal matrix, as a share of its largest diagonal
-_USED, _EMPTY, _DUPLICATE = int(Row.USED), int(Row.EMPTY), int(Row.DUPLICATE)
+_USED, _DUPLICATE = int(Row.USED), int(Row.DUPLICATE)
 _NUMBER, _SYSTEM, _SIGMA = int(Row.BAD_NUMBER), int(Row.BAD_CONSTELLATION), int(Row.BAD_SIGMA)
 _EPHEMERIS, _RANGE = int(Row.BAD_EPHEMERIS), int(Row.BAD_RANGE)
 

@@ -14,7 +14,7 @@ from ground.errors import OperatorError
 from ground.gnss.ephemeris import Precise
 from ground.gnss.files import Ready, prepare
 from ground.gnss.rinex import Observed
-from ground.gnss.scene import Batch, excluded, judge
+from ground.gnss.scene import excluded, judge, of_epochs
 from ground.gnss.study import rate
 
 EVERY_FAULT_M = (15.0, 200.0)
@@ -34,17 +34,13 @@ def check(observed: Observed, orbits: Precise, settings: Settings) -> Checked:
     """Two passes: a first fix without delays, whose median says where the delays are to be computed."""
     place = observed.place_m
     if place is None:
-        first = judge(_batch(prepare(observed, orbits, np.array([6.4e6, 0.0, 0.0])).epochs), settings)
+        first = judge(of_epochs(prepare(observed, orbits, np.array([6.4e6, 0.0, 0.0])).epochs), settings)
         good = first["verdict"] <= Verdict.INCONSISTENT
         if not good.any():
             raise OperatorError("no epoch has a fix, and the header no position")
         place = np.median(first["r_m"][good], axis=0)
     ready = prepare(observed, orbits, place)
-    return Checked(ready, judge(_batch(ready.epochs), settings), observed)
-
-
-def _batch(epochs: np.ndarray) -> Batch:
-    return Batch(epochs, np.zeros((len(epochs), 3)), epochs["count"], np.zeros((len(epochs), SATELLITES), bool))
+    return Checked(ready, judge(of_epochs(ready.epochs), settings), observed)
 
 
 def describe(checked: Checked, reference_m: np.ndarray | None) -> dict[str, Any]:
@@ -99,7 +95,7 @@ def inject(checked: Checked, settings: Settings, seed: int, trials: int) -> list
     for faults in (1, 2, 3):
         rng = np.random.default_rng([seed, faults])
         rows = rng.choice(clean_rows, trials)
-        batch = _batch(checked.ready.epochs[rows].copy())
+        batch = of_epochs(checked.ready.epochs[rows].copy())
         already = excluded(checked.result[rows])
         present = (np.arange(SATELLITES) < batch.count[:, None]) & ~already
         order = np.argsort(np.where(present, rng.random(present.shape), 2.0), axis=1)[:, :faults]

@@ -36,7 +36,7 @@ def add_arguments(subparsers: Any) -> None:
         nargs=3,
         default=(0.0, 0.0, 0.0),
         metavar=("E", "N", "U"),
-        help="what the header's position lacks to ITRF [m], such as 0.51 0.56 0.02 for an ETRS89 one of 2020 in Denmark",
+        help="what the header's position lacks to ITRF [m]: 0.51 0.56 0.02 for an ETRS89 one of 2020 in Denmark",
     )
     check.add_argument("--faults", type=int, default=0, metavar="N", help="inject 1, 2 and 3 faults N times each")
     check.add_argument("--seed", type=int, default=1, metavar="N", help="of the injected faults (default 1)")
@@ -113,7 +113,8 @@ def _check(args: argparse.Namespace) -> int:
     reference = None
     if observed.place_m is not None:
         axes = checked.result["axes"][np.flatnonzero(np.isfinite(checked.result["axes"][:, 0, 0]))[0]]
-        reference = observed.place_m + axes.T @ (np.array(args.offset_enu) + [0.0, 0.0, observed.height_m])
+        east, north, up = args.offset_enu
+        reference = observed.place_m + axes.T @ np.array([east, north, up + observed.height_m])
     document = {"file": args.file.name, "sp3": args.sp3.name, **check.describe(checked, reference)}
     if args.faults:
         document["injected"] = check.inject(checked, settings, args.seed, args.faults)

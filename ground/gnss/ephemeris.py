@@ -1,6 +1,7 @@
 """Satellites of any constellation between the nodes of a precise orbit file: position, velocity, clock.
 
-Orbits by Lagrange's polynomial of degree 10 in ITRF; clocks linear between neighbouring nodes, never across a missing one.
+Orbits by Lagrange's polynomial of degree 10 in ITRF; clocks linear between neighbouring nodes, never across a missing
+one.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ class Precise:
             raise OperatorError(str(error)) from error
         steps = np.diff(self.t_ns)
         if len(self.t_ns) < NODES or steps.min() != steps.max():
-            raise OperatorError(f"{path}: its epochs do not form one grid of {NODES} and more; name a file of a whole day")
+            raise OperatorError(
+                f"{path}: its epochs do not form one grid of {NODES} and more; name a file of a whole day"
+            )
         self._step_ns = int(steps[0])
         self._r_m, self._clock_s = file.r_m, file.clock_s
         self._place = {name: k for k, name in enumerate(file.satellites)}

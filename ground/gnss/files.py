@@ -1,8 +1,8 @@
 """Epochs of a real receiver made ready for the flight test: satellites at transmission, delays, sigmas.
 
-What is corrected: satellite clocks with their relativistic part, flight time, troposphere (Saastamoinen's zenith delay of a
-standard atmosphere, Black and Eisner's mapping). What is not: antennas of satellites and receiver, tides; their means go
-into the clocks of the constellations, the rest is in the sigmas.
+What is corrected: satellite clocks with their relativistic part, flight time, troposphere (Saastamoinen's zenith delay
+of a standard atmosphere, Black and Eisner's mapping). What is not: antennas of satellites and receiver, tides; their
+means go into the clocks of the constellations, the rest is in the sigmas.
 """
 
 from __future__ import annotations

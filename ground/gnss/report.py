@@ -36,14 +36,16 @@ def _detection(found: dict[str, Any]) -> list[str]:
 
 
 def _exclusion(found: dict[str, Any]) -> list[str]:
-    text = ["Exact fault set, alpha .001: mask, faults, size; the paper's rule; the flight's (lower 95 %), ambiguous, none"]
+    text = [
+        "Exact fault set, alpha .001: mask, faults, size; the paper's rule; the flight's (lower 95 %), ambiguous, none"
+    ]
     for case in found["cases"]:
         raw, flight = case["raw"], case["flight"]
         wanted = "" if case["wanted"] is None else f"  wanted {case['wanted']}"
         text.append(
             f"  {case['mask_deg']:.0f} deg, {case['faults']} of {case['sigmas']:.0f} sigma: {raw['rate']:.3f}   "
-            f"{flight['rate']:.3f} ({flight['lower']:.3f}), {flight['ambiguous']}, {flight['none']} of {flight['trials']}"
-            + wanted
+            f"{flight['rate']:.3f} ({flight['lower']:.3f}), {flight['ambiguous']}, {flight['none']} of "
+            f"{flight['trials']}" + wanted
         )
     return text
 
@@ -93,18 +95,21 @@ def check_lines(found: dict[str, Any]) -> list[str]:
         + ", ".join(f"{name} {mean:+.2f} m (1-sigma {std:.2f})" for name, (mean, std) in found["biases_m"].items()),
     ]
     if found["protection_m"]:
-        text.append("  protection levels E, N, U, median: " + ", ".join(f"{v:.1f}" for v in found["protection_m"]) + " m")
+        text.append(
+            "  protection levels E, N, U, median: " + " ".join(f"{v:.1f}" for v in found["protection_m"]) + " m"
+        )
     if "enu_mean_m" in found:
         text.append(
-            f"  against the header, E N U: mean {_three(found['enu_mean_m'])} m, 1-sigma {_three(found['enu_std_m'])} m; "
+            f"  against the header, E N U: mean {_three(found['enu_mean_m'])} m, 1-sigma "
+            f"{_three(found['enu_std_m'])} m; "
             f"horizontal mean {found['horizontal_mean_m']:.2f} m"
         )
     for one in found.get("injected", []):
         text.append(
-            f"  {one['faults']} injected: all removed {one['removed']['rate']:.4f} (lower {one['removed']['lower']:.4f}), "
-            f"each {one['each_removed']['rate']:.4f}; wrong exclusions in {one['wrong_sets']['count']} of "
-            f"{one['wrong_sets']['trials']}, ambiguous {one['ambiguous']}, no answer {one['no_answer']}; largest missed "
-            f"{one['largest_missed_m']:.0f} m; fix moved by {one['moved_m']:.1f} m (99 %)"
+            f"  {one['faults']} injected: all removed {one['removed']['rate']:.4f} "
+            f"(lower {one['removed']['lower']:.4f}), each {one['each_removed']['rate']:.4f}; wrong exclusions in "
+            f"{one['wrong_sets']['count']} of {one['wrong_sets']['trials']}, ambiguous {one['ambiguous']}, no answer {one['no_answer']}; largest "
+            f"missed {one['largest_missed_m']:.0f} m; fix moved by {one['moved_m']:.1f} m (99 %)"
         )
     return text
 

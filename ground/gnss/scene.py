@@ -1,6 +1,6 @@
 """Random epochs of a user of GPS, GLONASS and Galileo: nominal Walker constellations, noise laws, faults.
 
-Ranges are made here by an exact rotation of the Earth during the flight time; nothing is shared with the flight kernels.
+Ranges are made here by an exact rotation of the Earth during the flight; nothing is shared with the flight kernels.
 """
 
 from __future__ import annotations
@@ -41,12 +41,16 @@ class User:
 
 @dataclass
 class Batch:
-    """m epochs ready to be judged. truth_m (m,3); count (m,): rows; fault (m,64) bool: rows that carry one."""
+    """m epochs ready to be judged.
+
+    truth_m (m,3); count (m,): rows; fault (m,64) bool: rows that carry one; exact_m (m,64): ranges without noise.
+    """
 
     epochs: np.ndarray
     truth_m: np.ndarray
     count: np.ndarray
     fault: np.ndarray
+    exact_m: np.ndarray
 
 
 @lru_cache(maxsize=1)
@@ -75,14 +79,18 @@ def noise(law: str, rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndar
     raise ValueError(f"noise law {law}: there are {', '.join(LAWS)}")
 
 
+def renew(batch: Batch, rng: np.random.Generator, law: str = "gauss", sigma_m: float = SIGMA_M) -> None:
+    """New noise on the same geometry, and no fault."""
+    batch.epochs["range_m"] = batch.exact_m + sigma_m * noise(law, rng, batch.exact_m.shape)
+    batch.fault[:] = False
+
+
 def draw(user: User, rng: np.random.Generator, m: int, law: str = "gauss", sigma_m: float = SIGMA_M) -> Batch:
     """m random epochs without a fault: place, time, clocks of the receiver per constellation, noise."""
     satellite = _pool()[rng.integers(0, _POOL, m)]
     z = rng.uniform(-1.0, 1.0, m)
     longitude = rng.uniform(0.0, 2.0 * math.pi, m)
-    up = np.stack(
-        (np.sqrt(1.0 - z * z) * np.cos(longitude), np.sqrt(1.0 - z * z) * np.sin(longitude), z), axis=1
-    )
+    up = np.stack((np.sqrt(1.0 - z * z) * np.cos(longitude), np.sqrt(1.0 - z * z) * np.sin(longitude), z), axis=1)
     truth = up * (EARTH_RADIUS_M + user.altitude_m)
     line = satellite - truth[:, None, :]
     distance = np.linalg.norm(line, axis=2)
@@ -95,7 +103,7 @@ def draw(user: User, rng: np.random.Generator, m: int, law: str = "gauss", sigma
         turned = np.stack((cosine * x + sine * y, cosine * y - sine * x, satellite[..., 2]), axis=2)
         distance = np.linalg.norm(turned - truth[:, None, :], axis=2)
     clock = rng.uniform(-3e5, 3e5, (m, 1)) + np.concatenate((np.zeros((m, 1)), rng.normal(0.0, 30.0, (m, 2))), axis=1)
-    measured = distance + clock[:, _SYSTEM] + sigma_m * noise(law, rng, distance.shape)
+    exact_m = np.zeros((m, SATELLITES))
     order = np.argsort(~seen, axis=1, kind="stable")[:, :SATELLITES]
     epochs = np.zeros(m, EPOCH)
     wide = order.shape[1]
@@ -104,10 +112,18 @@ def draw(user: User, rng: np.random.Generator, m: int, law: str = "gauss", sigma
     epochs["count"] = count
     epochs["satellite"][:, :wide] = order % 24 + 1
     epochs["constellation"][:, :wide] = _SYSTEM[order]
-    epochs["range_m"][:, :wide] = measured[rows, order]
+    exact_m[:, :wide] = (distance + clock[:, _SYSTEM])[rows, order]
     epochs["sigma_m"][:, :wide] = sigma_m
     epochs["r_m"][:, :wide] = satellite[rows, order]
-    return Batch(epochs, truth, count, np.zeros((m, SATELLITES), bool))
+    batch = Batch(epochs, truth, count, np.zeros((m, SATELLITES), bool), exact_m)
+    renew(batch, rng, law, sigma_m)
+    return batch
+
+
+def of_epochs(epochs: np.ndarray) -> Batch:
+    """Epochs of any origin as a batch; nothing is known of their truth."""
+    m = len(epochs)
+    return Batch(epochs, np.zeros((m, 3)), epochs["count"], np.zeros((m, SATELLITES), bool), epochs["range_m"].copy())
 
 
 def add_faults(batch: Batch, rng: np.random.Generator, faults: int, size_m: float) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from flightsw.gnss.epoch import gnss_epoch
 from flightsw.gnss.setup import Memory, Settings
-from ground.gnss.scene import SIGMA_M, Batch, User, add_faults, draw, judge
+from ground.gnss.scene import SIGMA_M, Batch, User, add_faults, draw, judge, of_epochs
 
 _SATELLITES = 26
 _EPOCHS = 400
@@ -44,8 +44,7 @@ def _of_26(rng: np.random.Generator, epochs: int) -> Batch:
     while sum(len(part) for part in parts) < epochs:
         batch = draw(User(), rng, 1_000)
         parts.append(batch.epochs[batch.count == _SATELLITES])
-    joined = np.concatenate(parts)[:epochs]
-    return Batch(joined, np.zeros((epochs, 3)), joined["count"], np.zeros((epochs, 64), bool))
+    return of_epochs(np.concatenate(parts)[:epochs])
 
 
 def _timed(batch: Batch, settings: Settings) -> dict[str, float]:

@@ -10,11 +10,12 @@ import numpy as np
 
 from flightsw.crosslink.thresholds import chi2_quantile, noncentral_chi2_tail
 from flightsw.gnss.records import EPOCH, SATELLITES, Consistency, Rule, Verdict
-from flightsw.gnss.setup import Settings
+from flightsw.gnss.setup import Settings, build_table, thresholds
 from ground.campaign.statistics import lower_limit, upper_limit
-from ground.gnss.scene import LAWS, SIGMA_M, Batch, User, add_faults, draw, exact, judge
+from ground.gnss.scene import LAWS, SIGMA_M, Batch, User, add_faults, draw, exact, judge, of_epochs, renew
 
-CHUNK = 2_000
+CHUNK = 1_000
+_RENEWALS = 10  # times that noise is drawn on one geometry
 EARTH, SPARSE = User(), User(mask_deg=20.0)
 PAPER = Settings(rule=Rule.GREEDY, local_alpha=0.0, faulty_max=0)
 # mask, faults, size in sigmas, wanted share of exact sets (None: none was asked for)
@@ -45,13 +46,16 @@ def rate(count: int, trials: int) -> dict[str, float]:
     }
 
 
-def chunks(total: int) -> list[int]:
+def chunks(total: int, size: int = CHUNK) -> list[int]:
     """Sizes of the chunks that so many epochs are drawn in."""
-    return [min(CHUNK, total - start) for start in range(0, total, CHUNK)]
+    return [min(size, total - start) for start in range(0, total, size)]
 
 
 def alarms_part(seed: int, epochs: int) -> dict[str, Any]:
-    """False alarms of both tests and of the flight settings, by law of the noise; noise at its bound."""
+    """False alarms of both tests and of the flight settings, by law of the noise; noise at its bound.
+
+    The verdict of a test without exclusion is its statistic against its threshold: one pass serves them all.
+    """
     found: dict[str, Any] = {"epochs": epochs, "laws": {}}
     tests = {
         "chi2 .05": replace(PAPER, alpha=0.05),
@@ -59,17 +63,30 @@ def alarms_part(seed: int, epochs: int) -> dict[str, Any]:
         "markov .05": replace(PAPER, alpha=0.05, test=Consistency.MARKOV),
         "flight": Settings(faulty_max=0),
     }
+    limits = {name: np.array(thresholds(settings)) for name, settings in tests.items()}
+    largest = float(build_table(tests["flight"])["local_threshold"][0])
+    counts = {law: dict.fromkeys(tests, 0) for law in LAWS}
     satellites = 0
-    for number, law in enumerate(LAWS):
-        rng = np.random.default_rng([seed, 1, number])
-        counts = dict.fromkeys(tests, 0)
-        for size in chunks(epochs):
-            batch = draw(EARTH, rng, size, law)
-            satellites += int(batch.count.sum())
-            for name, settings in tests.items():
-                counts[name] += int((judge(batch, settings)["verdict"] == Verdict.INCONSISTENT).sum())
-        found["laws"][law] = {name: rate(count, epochs) for name, count in counts.items()}
-    found["mean_satellites"] = satellites / (epochs * len(LAWS))
+    geometry = np.random.default_rng([seed, 1])
+    noises = [np.random.default_rng([seed, 1, number]) for number in range(len(LAWS))]
+    for size in chunks(epochs, CHUNK * _RENEWALS):
+        batch = draw(EARTH, geometry, -(-size // _RENEWALS))
+        satellites += int(batch.count.sum())
+        for law, rng in zip(LAWS, noises, strict=True):
+            left = size
+            while left > 0:
+                renew(batch, rng, law)
+                result = judge(batch, tests["flight"])[:left]
+                for name, limit in limits.items():
+                    alarm = result["statistic"] > limit[result["dof"]]
+                    if name == "flight":
+                        alarm |= result["largest"] > largest
+                        assert np.array_equal(alarm, result["verdict"] == Verdict.INCONSISTENT)
+                    counts[law][name] += int(alarm.sum())
+                left -= len(result)
+    for law in LAWS:
+        found["laws"][law] = {name: rate(count, epochs) for name, count in counts[law].items()}
+    found["mean_satellites"] = satellites / sum(-(-size // _RENEWALS) for size in chunks(epochs, CHUNK * _RENEWALS))
     return found
 
 
@@ -82,11 +99,12 @@ def detection_part(seed: int, epochs: int) -> dict[str, Any]:
         "markov .05": (markov, np.arange(15.0, 31.01, 1.0)),
     }
     found: dict[str, Any] = {"epochs": epochs}
-    for number, (name, (settings, biases)) in enumerate(sizes.items()):
-        rng = np.random.default_rng([seed, 2, number])
+    rng = np.random.default_rng([seed, 2])
+    batch = draw(EARTH, rng, epochs)
+    for name, (settings, biases) in sizes.items():
         shares = []
         for bias in biases:
-            batch = draw(EARTH, rng, epochs)
+            renew(batch, rng)
             add_faults(batch, rng, 1, float(bias) * SIGMA_M)
             shares.append(float((judge(batch, settings)["verdict"] == Verdict.INCONSISTENT).mean()))
         found[name] = {
@@ -95,8 +113,7 @@ def detection_part(seed: int, epochs: int) -> dict[str, Any]:
             "half": _crossing(biases, shares, 0.5),
             "nearly_all": _crossing(biases, shares, 0.99),
         }
-    batch = draw(EARTH, np.random.default_rng([seed, 2]), CHUNK)
-    found["theory"] = _theory(batch, judge(batch, chi2))
+    found["theory"] = _theory(judge(batch, chi2))
     return found
 
 
@@ -109,18 +126,17 @@ def _crossing(sizes: np.ndarray, shares: list[float], level: float) -> float:
     return math.nan
 
 
-def _theory(batch: Batch, result: np.ndarray) -> dict[str, float]:
+def _theory(result: np.ndarray) -> dict[str, float]:
     """Sizes that the noncentral chi-square finds with 50 and 99 %, over redundancies that the epochs have."""
     rng = np.random.default_rng(0)
-    rows = [(int(r["dof"]), float(rng.choice(r["redundancy"][: r["usable"]]))) for r in result[:150] if r["dof"] > 0]
+    rows = [(int(r["dof"]), float(rng.choice(r["redundancy"][: r["usable"]]))) for r in result[:60] if r["dof"] > 0]
+    quantile = {dof: chi2_quantile(0.05, dof) for dof, _ in rows}
     answer = {}
     for name, level in (("half", 0.5), ("nearly_all", 0.99)):
         low, high = 0.0, 40.0
-        for _ in range(20):
+        for _ in range(14):
             middle = 0.5 * (low + high)
-            power = np.mean(
-                [noncentral_chi2_tail(chi2_quantile(0.05, dof), dof, middle**2 * share) for dof, share in rows]
-            )
+            power = np.mean([noncentral_chi2_tail(quantile[dof], dof, middle**2 * share) for dof, share in rows])
             low, high = (middle, high) if power < level else (low, middle)
         answer[name] = high
     return answer
@@ -152,7 +168,7 @@ def exclusion_part(seed: int, cases: int) -> dict[str, Any]:
 
 
 def _of(batch: Batch, rows: np.ndarray) -> Batch:
-    return Batch(batch.epochs[rows], batch.truth_m[rows], batch.count[rows], batch.fault[rows])
+    return Batch(batch.epochs[rows], batch.truth_m[rows], batch.count[rows], batch.fault[rows], batch.exact_m[rows])
 
 
 def inputs_part(seed: int) -> dict[str, str]:
@@ -163,7 +179,7 @@ def inputs_part(seed: int) -> dict[str, str]:
         good = draw(EARTH, rng, 1)
     found = {}
     for name, epoch in bad_inputs(good, rng):
-        result = judge(Batch(epoch, good.truth_m, epoch["count"], good.fault), Settings(protect=True))[0]
+        result = judge(of_epochs(epoch), Settings(protect=True))[0]
         found[name] = f"{Verdict(int(result['verdict'])).name}, {int(result['used'])} used"
     return found
 
