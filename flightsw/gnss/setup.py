@@ -46,10 +46,10 @@ class Settings:
     ambiguity: float = 4.6
     earth_rate_radps: float = EARTH_RATE_RADPS
     protect: bool = False
-    p_satellite: tuple[float, ...] = (1e-5, 1e-4, 3e-5, 1e-5)
-    p_constellation: tuple[float, ...] = (1e-8, 1e-4, 1e-4, 1e-4)
-    p_hmi: tuple[float, float, float] = (5e-8, 5e-8, 1e-7)
-    p_unmonitored: float = 0.1
+    p_satellite: tuple[float, ...] = (1e-5, 1e-5, 1e-5, 1e-5)
+    p_constellation: tuple[float, ...] = (1e-8, 1e-5, 1e-5, 1e-5)
+    p_hmi: tuple[float, float, float] = (1e-7, 1e-7, 1e-7)
+    p_unmonitored: float = 0.7
     bias_m: float = 0.0
     alert_limit_m: tuple[float, float, float] = (10.0, 10.0, 10.0)
 

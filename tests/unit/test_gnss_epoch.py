@@ -150,13 +150,13 @@ def test_a_lone_satellite_is_told() -> None:
 
 @pytest.mark.parametrize("rule", list(Rule))
 def test_dof_decides_what_can_be_said(rule: Rule) -> None:
-    """GIVEN 6, 7 and 8 satellites of three constellations, one wrong THEN untested, inconsistent, perhaps excluded."""
+    """GIVEN 4, 5 and 7 satellites, one wrong THEN too few, untested, and at one degree of freedom inconsistent only."""
     batch = one(User(), 30, least=22)
     systems = batch.epochs["constellation"][0, : batch.count[0]]
     first = [np.flatnonzero(systems == j)[:n].tolist() for j, n in enumerate((4, 2, 2))]
     order = first[0][:3] + first[1] + first[2][:1] + [first[0][3]] + [first[2][1]]
     verdicts = []
-    for count in (5, 6, 7):
+    for count in (4, 5, 7):
         less = without_rows(batch.epochs, set(range(batch.count[0])) - set(order[:count]))
         less["range_m"][0, 0] += 5_000.0
         wanted = Settings(rule=rule, alpha=0.05, local_alpha=0.0)
@@ -202,7 +202,7 @@ def test_the_budget_bounds_the_search(budget: int) -> None:
 BAD = {
     "a good epoch": Verdict.CONSISTENT,
     "zero satellites": Verdict.TOO_FEW,
-    "five satellites": Verdict.TOO_FEW,
+    "three satellites": Verdict.TOO_FEW,
     "a negative count": Verdict.TOO_MANY,
     "more rows than there is room": Verdict.TOO_MANY,
     "64 satellites": Verdict.CONSISTENT,
@@ -236,7 +236,7 @@ def test_every_bad_input_has_its_verdict() -> None:
             assert (result["row_state"] == Row.DUPLICATE).sum() == 2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.binary(min_size=64, max_size=64), st.integers(-2, SATELLITES + 2), st.integers(0, 2**32 - 1))
 def test_nothing_that_comes_in_raises(noise: bytes, count: int, seed: int) -> None:
     """GIVEN bytes for numbers here and there WHEN judged THEN there is a verdict, the same again, finite with a fix."""
@@ -256,14 +256,18 @@ def test_nothing_that_comes_in_raises(noise: bytes, count: int, seed: int) -> No
 @pytest.mark.compiled
 def test_an_epoch_allocates_nothing() -> None:
     """GIVEN epochs with faults and levels WHEN judged THEN numba's allocator has given nothing."""
-    from numba.core.runtime import rtsys
+    from numba.core.runtime import _nrt_python, rtsys
 
     batch = draw(User(), np.random.default_rng(3), 50)
     add_faults(batch, np.random.default_rng(3), 3, 20.0 * SIGMA_M)
     judge(batch, Settings(protect=True))
-    before = rtsys.get_allocation_stats().mi_alloc
-    judge(batch, Settings(protect=True))
-    assert rtsys.get_allocation_stats().mi_alloc == before
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats().alloc
+        judge(batch, Settings(protect=True))
+        assert rtsys.get_allocation_stats().alloc == before
+    finally:
+        _nrt_python.memsys_disable_stats()
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,10 @@ def test_mistakes_are_named(words: list[str], said: str, tmp_path: Path, capsys:
 
 def sp3_file(path: Path, times: int = 24) -> Path:
     """A circular orbit in the rotating frame at 15-minute nodes, and a clock that drifts."""
-    lines = ["#cP2020  6 25  0  0  0.00000000      96 TRACK IGb14 FIT TEST", "%c M  cc GPS ccc cccc cccc cccc cccc ccccc"]
+    lines = [
+        "#cP2020  6 25  0  0  0.00000000      96 TRACK IGb14 FIT TEST",
+        "%c M  cc GPS ccc cccc cccc cccc cccc ccccc",
+    ]
     for k in range(times):
         angle = 1.46e-4 * 900.0 * k
         x, y, z = 26_560.0 * np.array([np.cos(angle), 0.6 * np.sin(angle), 0.8 * np.sin(angle)])
