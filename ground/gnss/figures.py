@@ -79,7 +79,8 @@ def stanford(found: dict[str, Any]) -> Figure:
         f"{100 * found['available']['rate']:.2f} %",
     )
     error, level = np.abs(found["errors_m"]), np.array(found["levels_m"])
-    top = 2.0 * found["limit_m"]
+    figure.subplots_adjust(right=0.94)
+    top = 1.5 * found["limit_m"]
     bins = np.linspace(0.0, top, 121)
     count, _, _ = np.histogram2d(error, np.minimum(level, top - 1e-6), bins=(bins, bins))
     mesh = axes.pcolormesh(bins, bins, np.where(count > 0, count, np.nan).T, cmap="viridis", norm=LogNorm())
@@ -108,12 +109,12 @@ def draw_check(checked: Checked, reference_m: np.ndarray | None, document: dict[
     with style.styled():
         figure, axes = style.new_figure(
             rows,
-            f"Consistency of real pseudoranges: {document['file'].partition('.')[0]}",
+            f"Consistency of real pseudoranges: {document['file'].partition('.')[0].partition('_')[0]}",
             f"{document['epochs']} epochs, {document['satellites']:.1f} satellites; "
             + ", ".join(f"{count} {name.lower()}" for name, count in document["verdicts"].items()),
             sharex=False,
         )
-        figure.subplots_adjust(hspace=0.55)
+        figure.subplots_adjust(hspace=0.42)
         panels = iter(axes)
         if reference_m is not None:
             _errors(next(panels), t_min, result, reference_m)
@@ -123,7 +124,7 @@ def draw_check(checked: Checked, reference_m: np.ndarray | None, document: dict[
         bad = result["verdict"] != Verdict.CONSISTENT
         panel.plot(t_min[bad], result["first_statistic"][bad], "o", color=style.BOUND, ms=4, label="excluded from")
         panel.set_ylabel("RSS")
-        panel.set_xlabel("time [min]")
+        panel.tick_params(labelbottom=False)
         style.legend_above(panel)
         panel = next(panels)
         for j, (name, colour) in enumerate(zip(("GLONASS", "Galileo"), _COLOURS, strict=False), start=1):
@@ -141,9 +142,11 @@ def _errors(panel: Axes, t_min: np.ndarray, result: np.ndarray, reference_m: np.
     for q, (name, colour) in enumerate(zip(("east", "north", "up"), style.AXIS_COLOURS, strict=True)):
         panel.plot(t_min, error[:, q], color=colour, label=name, lw=1.0)
         for sign in (-1.0, 1.0):
-            panel.plot(t_min, sign * result["protection_m"][:, q], color=colour, lw=0.8, ls=":")
+            level = np.where(np.isfinite(result["protection_m"][:, q]), result["protection_m"][:, q], np.nan)
+            label = "protection levels (dotted)" if q == 0 and sign < 0.0 else None
+            panel.plot(t_min, sign * level, color=colour, lw=0.8, ls=":", label=label)
     panel.set_ylabel("error [m]")
-    panel.set_xlabel("time [min]; dotted: protection levels")
+    panel.tick_params(labelbottom=False)
     style.legend_above(panel)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 from typing import Any
 
 import numpy as np
 
 from flightsw.gnss.records import RESULT, SATELLITES
-from flightsw.gnss.setup import Settings
+from flightsw.gnss.setup import Settings, build_table
 from ground.gnss.scene import Batch, User, draw, judge, renew
 from ground.gnss.study import chunks, rate
 
@@ -75,51 +75,63 @@ def direct(seed: int, epochs: int) -> dict[str, Any]:
 
 
 def worst(seed: int, epochs: int) -> list[dict[str, Any]]:
-    """One satellite faulty for certain, the one that moves the vertical most, at each of SIZES; prior x rate."""
+    """One satellite faulty for certain, that which moves the vertical most, at each of SIZES; prior times the rate.
+
+    Allowed is what the level's formula gave the mode before the fault: p_k Q((L - T_k) / sigma_k), mean of the epochs.
+    """
+    prior = COARSE.p_satellite[0]
+    sigmas = math.sqrt(float(build_table(COARSE)["local_threshold"][0]))
     found = []
     for number, size in enumerate(SIZES):
         rng = np.random.default_rng([seed, 6, number])
         beyond = np.zeros(3, int)
-        satellites = 0.0  # each mode has an equal share of the risk
+        allowed = np.zeros(3)
         for many in chunks(epochs):
             batch = draw(LEO, rng, many, sigma_m=SIGMA_LEO_M)
-            satellites += float(batch.count.sum()) / epochs
-            clean = judge(batch, replace(COARSE, protect=False))
-            row = most_moving(batch, clean)
+            clean = judge(batch, COARSE)
+            row, apart_m = most_moving(batch, clean)
+            deviation = (clean["protection_m"] - sigmas * apart_m) / np.hypot(clean["sigma_m"], apart_m)
+            allowed += prior * np.vectorize(normal_tail)(deviation).sum(axis=0) / epochs
             rows = np.arange(many)
             redundancy = np.maximum(clean["redundancy"][rows, row], 1e-3)
-            batch.epochs["range_m"][rows, row] += (
-                rng.choice((-1.0, 1.0), many) * size * SIGMA_LEO_M / np.sqrt(redundancy)
-            )
+            fault = rng.choice((-1.0, 1.0), many) * size * SIGMA_LEO_M / np.sqrt(redundancy)
+            batch.epochs["range_m"][rows, row] += fault
             result = judge(batch, COARSE)
             beyond += ((np.abs(errors_m(batch, result)) > result["protection_m"]) & usable(result)[:, None]).sum(axis=0)
-        prior = COARSE.p_satellite[0]
+        rates = [rate(int(count), epochs) for count in beyond]
         found.append(
             {
                 "sigmas": size,
                 "prior": prior,
-                "allowed": COARSE.p_hmi[2] / satellites,
-                "axes": [
-                    {**rate(int(count), epochs), "risk_upper": prior * rate(int(count), epochs)["upper"]}
-                    for count in beyond
-                ],
+                "allowed": allowed.tolist(),
+                "axes": [{**one, "risk": prior * one["rate"], "risk_upper": prior * one["upper"]} for one in rates],
             }
         )
     return found
 
 
-def most_moving(batch: Batch, clean: np.ndarray) -> np.ndarray:
-    """Row (m,) whose fault moves the vertical most for the size of its normalised residual, by numpy's own algebra."""
-    answer = np.zeros(len(batch.epochs), int)
+def normal_tail(z: float) -> float:
+    """P(standard normal > z)."""
+    return 0.5 * math.erfc(z / math.sqrt(2.0))
+
+
+def most_moving(batch: Batch, clean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row (m,) whose fault moves the vertical most for the size of its normalised residual, by numpy's own algebra.
+
+    With it (m,3) [m]: 1-sigma of the separation east, north, up of the fix without it.
+    """
+    answer, apart_m = np.zeros(len(batch.epochs), int), np.zeros((len(batch.epochs), 3))
     for k, epoch in enumerate(batch.epochs):
         n = int(epoch["count"])
         line = batch.truth_m[k] - epoch["r_m"][:n]
         line /= np.linalg.norm(line, axis=1)[:, None]
         clocks = (epoch["constellation"][:n, None] == np.unique(epoch["constellation"][:n])).astype(float)
-        gain = np.linalg.pinv(np.concatenate((line @ clean["axes"][k].T, clocks), axis=1))
+        gain = np.linalg.pinv(np.concatenate((line @ clean["axes"][k].T, clocks), axis=1))[:3]
         redundancy = clean["redundancy"][k, :n]
-        answer[k] = int(np.argmax(np.where(redundancy > 1e-3, np.abs(gain[2]) / np.sqrt(redundancy + 1e-9), 0.0)))
-    return answer
+        apart = np.where(redundancy > 1e-3, np.abs(gain) / np.sqrt(redundancy + 1e-9), 0.0) * SIGMA_LEO_M
+        answer[k] = int(np.argmax(apart[2]))
+        apart_m[k] = apart[:, answer[k]]
+    return answer, apart_m
 
 
 def availability(seed: int, epochs: int) -> dict[str, Any]:

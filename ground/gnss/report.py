@@ -60,8 +60,11 @@ def _protection(found: dict[str, Any]) -> list[str]:
         )
     ]
     for row in found["worst"]:
-        risks = ", ".join(f"{one['risk_upper']:.1e}" for one in row["axes"])
-        text.append(f"  fault of {row['sigmas']:.0f} sigmas: prior x rate below {risks}; allowed {row['allowed']:.0e}")
+        risks = ", ".join(
+            f"{one['risk']:.1e} (upper {one['risk_upper']:.1e}) of {allowed:.1e}"
+            for one, allowed in zip(row["axes"], row["allowed"], strict=True)
+        )
+        text.append(f"  fault of {row['sigmas']:.0f} sigmas, prior x rate of what is allowed, E, N, U: {risks}")
     levels = "; ".join(" / ".join(f"{value:.1f}" for value in row) for row in ready["quantiles_m"])
     text.append(
         f"  LEO, limit {ready['limit_m']:.0f} m: available {ready['available']['rate']:.4f} "
@@ -108,8 +111,9 @@ def check_lines(found: dict[str, Any]) -> list[str]:
         text.append(
             f"  {one['faults']} injected: all removed {one['removed']['rate']:.4f} "
             f"(lower {one['removed']['lower']:.4f}), each {one['each_removed']['rate']:.4f}; wrong exclusions in "
-            f"{one['wrong_sets']['count']} of {one['wrong_sets']['trials']}, ambiguous {one['ambiguous']}, no answer {one['no_answer']}; largest "
-            f"missed {one['largest_missed_m']:.0f} m; fix moved by {one['moved_m']:.1f} m (99 %)"
+            f"{one['wrong_sets']['count']} of {one['wrong_sets']['trials']}, ambiguous {one['ambiguous']}, "
+            f"no answer {one['no_answer']}; "
+            f"largest missed {one['largest_missed_m']:.0f} m; fix moved by {one['moved_m']:.1f} m (99 %)"
         )
     return text
 

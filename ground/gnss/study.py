@@ -204,7 +204,7 @@ def bad_inputs(good: Batch, rng: np.random.Generator) -> list[tuple[str, np.ndar
     for name in ("r_m", "range_m", "sigma_m", "constellation"):
         full[name][0] = np.resize(full[name][0, :n], full[name][0].shape)
     full["satellite"][0] = np.arange(SATELLITES)
-    full["range_m"][0] += rng.normal(0.0, SIGMA_M, SATELLITES)
+    full["range_m"][0] = np.resize(good.exact_m[0, :n], SATELLITES) + rng.normal(0.0, SIGMA_M, SATELLITES)
     ranges = good.epochs["range_m"][0, :n]
     one = good.epochs.copy()
     one["r_m"][0, :n] = one["r_m"][0, 0]

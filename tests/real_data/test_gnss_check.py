@@ -13,7 +13,7 @@ pytestmark = [pytest.mark.real_data, pytest.mark.compiled]
 
 
 def test_three_hours_of_a_station(real_data: Path, tmp_path: Path) -> None:
-    """GIVEN three hours at Esbjerg WHEN checked THEN every epoch is consistent, the mean within 1 m, faults are found."""
+    """GIVEN three hours at Esbjerg THEN every epoch is consistent, the mean is within 1 m, faults are found."""
     pytest.importorskip("georinex", reason="needs georinex: pip install 'leonav[rinex]'")
     folder = real_data / "static_esbc"
     status = main(

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.compiled
 
 
 def test_false_alarms_are_alpha() -> None:
-    """GIVEN Gaussian noise WHEN counted THEN alpha is within the limits; Markov's test alarms below alpha for all laws."""
+    """GIVEN Gaussian noise WHEN counted THEN alpha is within the limits, and bounds Markov's test for all laws."""
     found = study.alarms_part(3, 4_000)
     gauss = found["laws"]["gauss"]
     assert gauss["chi2 .05"]["lower"] < 0.05 < gauss["chi2 .05"]["upper"]
@@ -48,11 +48,12 @@ def test_exclusion_beats_the_raw_rule_where_it_masks() -> None:
 
 
 def test_protection_levels_hold_in_a_few_epochs() -> None:
-    """GIVEN faults with their priors, and at the worst size WHEN counted THEN no level is broken oftener than allowed."""
+    """GIVEN faults with their priors, and at the worst size THEN no level is broken oftener than allowed."""
     found = fly("protection", 3, 2_000)
     assert all(one["lower"] < 1e-3 for one in found["direct"]["axes"])
     for row in found["worst"]:
-        assert all(row["prior"] * one["lower"] < row["allowed"] for one in row["axes"])
+        for one, allowed in zip(row["axes"], row["allowed"], strict=True):
+            assert row["prior"] * one["lower"] <= allowed < 1e-3
     assert found["availability"]["available"]["rate"] > 0.9
     assert "available" in "\n".join(report.lines("protection", found))
 
@@ -106,7 +107,7 @@ def sp3_file(path: Path, times: int = 24) -> Path:
 
 
 def test_orbits_between_nodes(tmp_path: Path) -> None:
-    """GIVEN nodes of a circle WHEN interpolated THEN position to millimetres, clock with its relativistic part (none)."""
+    """GIVEN nodes of a circle WHEN interpolated THEN position to centimetres, and the clock."""
     orbits = Precise(sp3_file(tmp_path / "one.sp3"))
     seconds = np.array([[9_000.0], [9_417.0], [10_333.3]])
     t_ns = orbits.t_ns[0] + np.rint(seconds * 1e9).astype(np.int64)
