@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ground.errors import OperatorError
-from hil_sim.errors import DataError
-from hil_sim.truth.orbit_files.sp3 import read_sp3
+from hil_sim.truth.orbit_files.sp3 import DataError, read_sp3
 from hil_sim.truth.orbit_files.text import to_gps_ns
 
 LIGHT_MPS = 299_792_458.0
