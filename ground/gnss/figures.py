@@ -114,7 +114,8 @@ def draw_check(checked: Checked, reference_m: np.ndarray | None, document: dict[
             + ", ".join(f"{count} {name.lower()}" for name, count in document["verdicts"].items()),
             sharex=False,
         )
-        figure.subplots_adjust(hspace=0.42)
+        figure.set_size_inches(11.0, 2.15 * rows)
+        figure.subplots_adjust(hspace=0.62)
         panels = iter(axes)
         if reference_m is not None:
             _errors(next(panels), t_min, result, reference_m)
@@ -122,7 +123,8 @@ def draw_check(checked: Checked, reference_m: np.ndarray | None, document: dict[
         panel.plot(t_min, result["first_statistic"], color=style.ERROR, label="sum of squared residuals")
         panel.plot(t_min, result["threshold"], color=style.LIMIT, label="threshold")
         bad = result["verdict"] != Verdict.CONSISTENT
-        panel.plot(t_min[bad], result["first_statistic"][bad], "o", color=style.BOUND, ms=4, label="excluded from")
+        if bad.any():
+            panel.plot(t_min[bad], result["first_statistic"][bad], "o", color=style.BOUND, ms=4, label="not consistent")
         panel.set_ylabel("RSS")
         panel.tick_params(labelbottom=False)
         style.legend_above(panel)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flightsw.gnss.epoch import gnss_epoch
+from flightsw.gnss.records import Rule
 from flightsw.gnss.setup import Memory, Settings
 from ground.gnss.scene import SIGMA_M, Batch, User, add_faults, draw, judge, of_epochs
 
@@ -26,7 +27,7 @@ def measure(seed: int, epochs: int = _EPOCHS) -> dict[str, Any]:
         ("1 fault excluded", 1, flight),
         ("3 faults excluded", 3, flight),
         ("5 faults excluded", 5, flight),
-        ("3 faults, the paper's rule", 3, replace(flight, rule=0, local_alpha=0.0)),
+        ("3 faults, the paper's rule", 3, replace(flight, rule=Rule.GREEDY, local_alpha=0.0)),
         ("protection levels too", 0, replace(flight, protect=True)),
     ):
         rng = np.random.default_rng([seed, 8])
