@@ -236,6 +236,7 @@ def test_every_bad_input_has_its_verdict() -> None:
             assert (result["row_state"] == Row.DUPLICATE).sum() == 2
 
 
+@pytest.mark.compiled
 @settings(max_examples=30, deadline=None)
 @given(st.binary(min_size=64, max_size=64), st.integers(-2, SATELLITES + 2), st.integers(0, 2**32 - 1))
 def test_nothing_that_comes_in_raises(noise: bytes, count: int, seed: int) -> None:
