@@ -87,7 +87,7 @@ def stanford(found: dict[str, Any]) -> Figure:
     axes.plot([0.0, top], [0.0, top], color=style.LIMIT)
     axes.axhline(found["limit_m"], color=style.GREY, ls="--")
     _word(axes, 0.98 * top, 0.35 * top, "misleading: error beyond the level", style.LIMIT)
-    _word(axes, 0.98 * top, 0.53 * top, "alert limit", style.GREY)
+    _word(axes, 0.98 * top, found["limit_m"] + 0.02 * top, "alert limit", style.GREY)
     axes.set_xlim(0.0, top)
     axes.set_ylim(0.0, top)
     axes.set_xlabel("|vertical error| [m]")
