@@ -30,6 +30,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
     "tune": ("ground.tuning.command", "make a table set from flown errors, with the evidence"),
     "crosslink": ("ground.crosslink.command", "study integrity by ranging between the satellites of a constellation"),
+    "gnss": ("ground.gnss.command", "study the consistency test of GNSS satellites, check a receiver's file with it"),
     "certify": ("ground.campaign.command", "fly a fresh ensemble of outages and say what it proves of a set's bound"),
     "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),
 }
@@ -47,6 +48,7 @@ _EXTRAS = {
     "satkit_data": "sim",
     "msgspec": "sim",
     "distributed": "cluster",
+    "georinex": "rinex",
 }
 
 

@@ -22,7 +22,14 @@ from typing import Any
 
 import pytest
 
-ROOMS = ("flightsw.kernels", "flightsw.nav", "flightsw.integrity", "flightsw.modes", "flightsw.crosslink")
+ROOMS = (
+    "flightsw.kernels",
+    "flightsw.nav",
+    "flightsw.integrity",
+    "flightsw.modes",
+    "flightsw.crosslink",
+    "flightsw.gnss",
+)
 FLAGS = {"bounds": "NUMBA_BOUNDSCHECK", "coverage": "NUMBA_DISABLE_JIT"}
 FOLDERS = ("unit", "property")
 PATIENCE = 100
