@@ -10,10 +10,11 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
-from ground.console.link import Link, TlogLink, damage_words
+from ground.console.link import Link
 from ground.console.model import Event, State, age_s, reduce
 from ground.console.panels import severity_word
 from ground.console.text import metres, seconds, utc_stamp
+from ground.console.tlog import TlogLink
 from ground.console.verdict import STALE_S, judge, mode_word
 
 SILENT_LINES = 10  # of one silence in a replay; the rest of it is one line
@@ -58,8 +59,8 @@ def final_line(state: State, now_s: float, link: Link) -> str:
 def replay_lines(link: TlogLink) -> Iterator[str]:
     """A whole log at its own times, without waiting, and its final verdict."""
     state = State(started_s=link.start_s)
-    if link.skipped_bytes:
-        yield f"{utc_stamp(link.start_s)} EVENT warning console: {damage_words(link.skipped_bytes)}"
+    for remark in link.remarks:
+        yield f"{utc_stamp(link.start_s)} EVENT warning console: {remark}"
     due_s = math.ceil(link.start_s)
     now_s = link.start_s
     for time_s, message in link.everything():

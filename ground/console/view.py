@@ -19,8 +19,9 @@ from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
 from ground.console import alarms, model, pages, panels, plot
-from ground.console.link import Link, Sending, TlogLink, damage_words, progress_words
+from ground.console.link import Link, Sending
 from ground.console.orders import Ask, Confirm, Menu, Order
+from ground.console.tlog import TlogLink, progress_words
 from ground.console.uplink import Operator
 from ground.console.verdict import STALE_S, Judgement, Level, judge
 
@@ -107,8 +108,8 @@ class ConsoleApp(App[None]):
         self.paused = False
         self._period_s = period_s
         self._frozen: model.State | None = None
-        if isinstance(link, TlogLink) and link.skipped_bytes:
-            self.state = model.note(self.state, link.now_s(), 4, f"console: {damage_words(link.skipped_bytes)}")
+        for remark in link.remarks if isinstance(link, TlogLink) else ():
+            self.state = model.note(self.state, link.now_s(), 4, f"console: {remark}")
 
     def compose(self) -> ComposeResult:
         """The panels from top to bottom."""
