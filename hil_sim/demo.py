@@ -21,6 +21,7 @@ from pathlib import Path
 from hil_sim import sil
 from hil_sim.live import SharedClock
 from hil_sim.scenario import LoadedScenario
+from hil_sim.tether import tethered
 
 RESTART = 3  # exit status of a flight that the ground has ordered to start again
 _START_AHEAD_NS = 500_000_000
@@ -52,6 +53,7 @@ class Process:
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,  # ctrl-C is for the console and for us
+            preexec_fn=tethered(signal.SIGKILL),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -152,7 +154,9 @@ def _start(
     counter_ns = int(processes["world"].wait_for("world: ready"))
     SharedClock(time.monotonic_ns() + _START_AHEAD_NS, counter_ns, speed).write(out / "clock.json")
     arguments = ["ground", "console", "--udp", f"127.0.0.1:{port}", "--key", str(key), *(["--plain"] if plain else [])]
-    return subprocess.Popen([sys.executable, "-m", *arguments], start_new_session=False)
+    # SIGTERM: it gives the terminal back as it found it
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.Popen(command, start_new_session=False, preexec_fn=tethered(signal.SIGTERM))
 
 
 def _flight(out: Path, bus: str, port: int, key: Path) -> list[str]:

@@ -43,6 +43,7 @@ class Statistics:
     unknown: int = 0
     lost: int = 0
     unauthenticated: int = 0  # not signed with our key, or heard before: not believed
+    unverified: int = 0  # signed, and believed without a key to verify it with
     last_sequence: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
@@ -122,6 +123,8 @@ class FrameDecoder:
             self.statistics.unauthenticated += 1
             self.forged = True
             return None
+        if self._verifier is None and frame[2] & SIGNED:
+            self.statistics.unverified += 1
         self._follow_sequence(message)
         self.statistics.frames += 1
         return message
@@ -152,6 +155,7 @@ class UdpLink:
         self._clock = clock
         self.verifier = verifier
         self.forged_s: float | None = None  # when something was heard last that could not be authenticated
+        self.unverified_s: float | None = None  # when a signature was heard last that there is no key for
         self._peer: Any = None  # who speaks for flight: answers go there
         self._decoder = FrameDecoder(verifier)
         self.statistics = self._decoder.statistics
@@ -181,8 +185,10 @@ class UdpLink:
                 break
             except OSError:  # an ICMP error of an earlier datagram; the socket itself stays good
                 continue
-            now_s = self._clock()
+            now_s, unverified = self._clock(), self.statistics.unverified
             messages = list(self._decoder.datagram(data))
+            if self.statistics.unverified != unverified:
+                self.unverified_s = now_s
             if self._decoder.forged:
                 self._decoder.forged, self.forged_s = False, now_s
             heard += [Received(now_s, message) for message in messages]

@@ -86,6 +86,11 @@ class TlogLink:
         self._behind_s = due_us / US_PER_S
         return heard
 
+    @property
+    def seeking(self) -> bool:
+        """Whether `receive` still hurries to where it was sent."""
+        return self._goal_s is not None
+
     def seek(self, seconds_on: float) -> bool:
         """Go to a time later or earlier; `receive` hurries there. Whether what was heard must be forgotten."""
         goal_s = min(max(self.now_s() + seconds_on, self.start_s), self.stop_s)
