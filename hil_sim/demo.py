@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -99,6 +100,8 @@ def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: 
     for name in ("hub", "world", "flight"):
         (out / f"{name}.log").unlink(missing_ok=True)
     (out / "clock.json").unlink(missing_ok=True)
+    for again in out.glob("restart_*"):
+        shutil.rmtree(again, ignore_errors=True)
     sil.build_tables(loaded, out / "tables")
     key = out / "link.key"
     key.unlink(missing_ok=True)
@@ -174,7 +177,7 @@ def _free_port() -> int:
 
 
 def _watch(processes: dict[str, Process], console: subprocess.Popen[bytes], out: Path, key: Path) -> int:
-    bus_and_port = processes["flight"].popen.args
+    restarts = 0
     while True:
         time.sleep(_POLL_S)
         if console.poll() is not None:
@@ -184,12 +187,20 @@ def _watch(processes: dict[str, Process], console: subprocess.Popen[bytes], out:
             if status is None:
                 continue
             if name == "flight" and status == RESTART:
-                assert isinstance(bus_and_port, list)
-                processes[name] = Process(name, [str(word) for word in bus_and_port[3:]], out)
+                restarts += 1
+                assert isinstance(process.popen.args, list)
+                words = [str(word) for word in process.popen.args[3:]]
+                processes[name] = Process(name, with_logs_in(words, out / f"restart_{restarts}"), out)
                 continue
             if name == "world" and status == 0:
                 raise Ended("the scenario is over", 0)
             raise Ended(process.reason(), 1)
+
+
+def with_logs_in(words: Sequence[str], folder: Path) -> list[str]:
+    """A flight's arguments with another folder for its logs: those of before a restart are kept."""
+    place = list(words).index("--out") + 1
+    return [*words[:place], str(folder), *words[place + 1 :]]
 
 
 def _end_console(console: subprocess.Popen[bytes] | None) -> None:

@@ -41,7 +41,8 @@ def events_page(log: tuple[Event, ...], chosen: Filter, back: int, rows: int) ->
     """The newest events that the filter lets through; back: lines scrolled to older ones."""
     shown = chosen.select(log)
     what = "all" if chosen.severity == LEVELS[0] else f"{severity_word(chosen.severity)} and graver"
-    text = Text(f"{len(shown)} of {len(log)} events: {what}", style="bold")
+    text = Text()
+    text.append(f"{len(shown)} of {len(log)} events: {what}", style="bold")
     if chosen.word:
         text.append(f', with "{safe(chosen.word, 40)}"', style="bold")
     last = max(0, len(shown) - back)

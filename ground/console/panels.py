@@ -56,7 +56,8 @@ any key closes this help"""
 
 def header(link: Link, state: State, now_s: float, paused: bool, progress: str) -> Text:
     """One line: what must not be missed, how the link does, what time it is; the name last, it may be cut off."""
-    text = Text("leonav ", style="bold")
+    text = Text()
+    text.append("leonav ", style="bold")
     waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)
     marks = (
         (paused, "PAUSED"),
@@ -103,7 +104,8 @@ def keys(page: int, commands: bool, live: bool) -> Text:
 
 def verdict(judgement: Judgement) -> Text:
     """Two lines: the words, and the reason."""
-    text = Text(f" {judgement.word} ", style="bold reverse")
+    text = Text()  # a style given here would be that of the reason too
+    text.append(f" {judgement.word} ", style="bold reverse")
     if judgement.certificate:
         text.append("  ")
         text.append(judgement.certificate, style="bold")

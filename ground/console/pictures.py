@@ -36,7 +36,6 @@ SHOTS = (
     Shot("console_filter", 7725.0, ("3",)),
     Shot("console_events", 7900.0, ("7", "f")),
     Shot("console_recovered", 7900.0, ("1",)),
-    Shot("console_help", 7900.0, ("question_mark",)),
 )
 
 

@@ -22,7 +22,8 @@ def timing_page(state: State, now_s: float, rows: int) -> Text:
         )
     newest_s = max(heard_s for _, heard_s in state.timing)
     told = state.timing[-1][0]
-    text = Text(f"{len(state.timing)} of {told.count} members; ticks that began late: ", style="bold")
+    text = Text()
+    text.append(f"{len(state.timing)} of {told.count} members; ticks that began late: ", style="bold")
     slips = max(timing.slips for timing, _ in state.timing)
     text.append(f"{slips:,}", style="bold" if not slips else "bold yellow")
     silent_s = age_s(now_s, newest_s)

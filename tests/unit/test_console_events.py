@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import socket
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from ground.console.event_log import LEVELS, Filter, events_page
 from ground.console.link import UdpLink
 from ground.console.model import Event, State, reduce
 from ground.console.panels import header
+from ground.console.pictures import SHOTS, Shot, take
 from ground.console.plain import final_line, status_line
 from ground.console.table_diff import table_diff
 from ground.console.timing_page import bars
@@ -290,3 +292,25 @@ def test_a_log_of_signed_messages_says_that_nobody_verified_them(tmp_path: Path)
     for link, says in ((plain, False), (verified_by_nobody, True)):
         assert list(link.everything())
         assert ("SIGNATURES NOT VERIFIED" in header(link, State(), link.now_s(), False, "").plain) is says
+
+
+# -- pictures of the guide
+
+
+def test_pictures_show_the_moments_and_pages_they_are_of(tmp_path: Path) -> None:
+    """GIVEN the story as a log WHEN pictures are taken of it THEN each is SVG with the words of its moment."""
+    log = write_tlog(tmp_path / "link.tlog", 330)
+    shots = (Shot("console_fixes", 60.0), Shot("console_alarms", 320.0, ("2",)))
+    fixes, lost = (path.read_text(encoding="utf-8") for path in take(log, tmp_path, shots))
+    assert fixes.startswith("<svg")
+    assert "TRUSTED" in fixes
+    assert "COASTING" not in fixes
+    assert "COASTING" in lost
+    assert "GNSS&#160;lost" in lost
+    assert "ACKNOWLEDGED" in lost
+
+
+def test_the_guide_shows_the_pictures_that_the_script_makes() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    shown = set(re.findall(r"images/(console_\w+)\.svg", (docs / "operators_guide.md").read_text(encoding="utf-8")))
+    assert shown == {path.stem for path in (docs / "images").glob("console_*.svg")} == {shot.name for shot in SHOTS}

@@ -44,3 +44,11 @@ def test_a_killed_parent_leaves_no_child_that_is_tied_to_it(how: str) -> None:
     assert runs(child) is (how == "loose")
     if how == "loose":
         subprocess.run(["kill", str(child)], check=True)
+
+
+def test_a_flight_that_is_started_again_keeps_the_logs_of_before() -> None:
+    from hil_sim.demo import with_logs_in
+
+    words = ["flightsw", "run", "--tables", "t", "--out", "runs/live", "--link", "udp:h:1"]
+    assert with_logs_in(words, Path("r")) == ["flightsw", "run", "--tables", "t", "--out", "r", "--link", "udp:h:1"]
+    assert words[5] == "runs/live"
