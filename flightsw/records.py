@@ -149,6 +149,8 @@ NAV = np.dtype(
         ("bound_own_3d_m", "f8"),
         ("bound_coast_m", "f8"),
         ("bound_coast_3d_m", "f8"),
+        ("bound_fix_m", "f8"),  # at the last accepted fix: an outage begins with no less
+        ("bound_fix_3d_m", "f8"),
         ("over_limit", "i8"),
         ("flag", "i8"),
         ("flag_age_s", "f8"),
@@ -268,6 +270,7 @@ WORK = np.dtype(
         ("gradient", "f8", (3, 3)),
         ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
         ("empirical_sigma_mps2", "f8"),  # at the radius of the step
+        ("drag_scale", "f8"),  # at its start
         *((name, "f8", (3,)) for name in ("empirical_rtn", "small_mps2")),
         ("x_model", "f8", (STATES,)),
         # the paper's filter

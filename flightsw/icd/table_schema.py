@@ -124,6 +124,8 @@ NAVIGATION = Schema(
             _real("drag_tau_s", "s", 1.0, 1e7, 5000.0, "its correlation time"),
             _real("drag_slow_sigma", "1", 0.0, 10.0, 0.3, "steady sigma of the slow part of the drag scale"),
             _real("drag_slow_tau_s", "s", 1.0, 1e8, 86400.0, "its correlation time"),
+            _real("drag_step_sigma", "1", 0.0, 10.0, 0.0, "share by which drag may change at once when GNSS is lost"),
+            _real("drag_step_after_s", "s", 1.0, 86400.0, 60.0, "fix age at which that is taken into account"),
             _real("gnss_bias_sigma_m", "m", 0.0, 1e4, 0.0, "steady sigma of the lasting GNSS error, RTN; 0: no states"),
             _real("gnss_bias_tau_s", "s", 1.0, 1e7, 300.0, "its correlation time"),
             _real("gnss_periodic_sigma_m", "m", 0.0, 1e4, 0.0, "sigma of the orbit-periodic GNSS error; 0: no states"),
@@ -186,6 +188,7 @@ NAVIGATION = Schema(
             "bound",  # equations (12) and (14)
             _real("k_axis", "1", 1.0, 10.0, 3.0, "factor of the per-axis bound; the paper's 3"),
             _real("k_radius", "1", 1.0, 20.0, 3.73, "factor of the 3-D bound; 0.997 when isotropic"),
+            _real("fixes_margin", "1", 1.0, 5.0, 1.0, "flight filter: both bounds are so much larger while fixes come"),
             _whole("flag_driver", "0 axis, 1 3-D", 0, 1, 0, "which bound is compared with the limit"),
             _real("limit_m", "m", 0.1, 1e6, 2000.0, "epsilon, the permitted error"),
             _whole("flag_persist", "epochs", 1, 60, 1, "consecutive epochs above the limit before the flag"),

@@ -81,10 +81,18 @@ def _look_ahead_flight(nav, table, dt_s, work):
     axis_m = axis_bound_m(table, work.P_rv)
     radius_m = radius_bound_m(table, work.P_rv)
     flight_filter.published_covariance(nav, table, nav.t_gps_ns, nav.UD, nav.x, now_s2, work)
-    nav.bound_own_m = _larger(axis_bound_m(table, work.P_rv), axis_m) + nav.monitor_doubt_m
-    nav.bound_own_3d_m = _larger(radius_bound_m(table, work.P_rv), radius_m) + nav.monitor_doubt_m
-    nav.bound_coast_m = nav.bound_own_m
-    nav.bound_coast_3d_m = nav.bound_own_3d_m
+    axis_m = _larger(axis_bound_m(table, work.P_rv), axis_m)
+    radius_m = _larger(radius_bound_m(table, work.P_rv), radius_m)
+    # Every fix draws the error anew: in a revolution the bound is put to the test far more often than in an outage.
+    own_m = table.fixes_margin * axis_m
+    own_3d_m = table.fixes_margin * radius_m
+    if nav.t_gps_ns == nav.t_fix_gps_ns:
+        nav.bound_fix_m = own_m
+        nav.bound_fix_3d_m = own_3d_m
+    nav.bound_own_m = own_m + nav.monitor_doubt_m
+    nav.bound_own_3d_m = own_3d_m + nav.monitor_doubt_m
+    nav.bound_coast_m = _larger(axis_m, nav.bound_fix_m) + nav.monitor_doubt_m
+    nav.bound_coast_3d_m = _larger(radius_m, nav.bound_fix_3d_m) + nav.monitor_doubt_m
     for i in range(MEASUREMENTS):
         for j in range(MEASUREMENTS):
             nav.covariance[i, j] = work.P_rv[i, j]

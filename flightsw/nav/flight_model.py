@@ -122,9 +122,10 @@ def empirical_sigma_mps2(table, x):
 def set_transition(table, x, dt_s, drag_mps2, gradient, work):
     """How r and v follow from the states before, into work.motion, and the decays of the others.
 
-    Also the steady sigma of the empirical accelerations, which drives their noise in `predict`.
+    Also the steady sigma of the empirical accelerations and the scale of drag, which drive their noise in `predict`.
     """
     motion = work.motion
+    work.drag_scale = 1.0 + x[_DRAG] + x[_DRAG + 1]
     work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
     basis = work.rtn
     rtn_basis(x, basis)
@@ -253,6 +254,17 @@ def _add_burns(nav, t_gps_ns, dt_s, work, at):
 
 
 @kernel
+def _drag_steps(nav, table, t_gps_ns, dt_s):
+    """Whether drag may have changed in this step: what takes GNSS away, safe mode above all, turns the satellite too.
+
+    Once in an outage, at an age that leaves short gaps out; nothing but time decides, so that a step taken again from
+    an earlier epoch says the same.
+    """
+    lost_ns = nav.t_fix_gps_ns + round(table.drag_step_after_s * 1e9)
+    return table.drag_step_sigma > 0.0 and t_gps_ns <= lost_ns and lost_ns < t_gps_ns + round(dt_s * 1e9)
+
+
+@kernel
 def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
     """Factors of the covariance over the step of `set_transition`, from `ud` into `out` (which may be `ud`)."""
     n = states(table)
@@ -305,6 +317,10 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
     d2 = drag_mps2[2]
     at = _add_markov(work, at, d0, d1, d2, _DRAG, table.drag_sigma, table.drag_tau_s, dt_s)
     at = _add_markov(work, at, d0, d1, d2, _DRAG + 1, table.drag_slow_sigma, table.drag_slow_tau_s, dt_s)
+    if _drag_steps(nav, table, t_gps_ns, dt_s):
+        w[_DRAG + 1, at] = 1.0
+        q[at] = (table.drag_step_sigma * work.drag_scale) ** 2
+        at += 1
     for axis in range(_AXES):
         density = table.white_radial_m2ps3
         if axis == 1:

@@ -102,8 +102,11 @@ class Draw(NamedTuple):
         return f"run {self.run}"
 
 
-def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str) -> Draw:
-    """The run of that number. The same for the same ensemble and seeds, whatever else is flown."""
+def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: float | None = None) -> Draw:
+    """The run of that number. The same for the same ensemble and seeds, whatever else is flown.
+
+    outage_s: whole seconds of its outage instead of those drawn; all else is as it would be.
+    """
     cell = ensemble.cells[run % len(ensemble.cells)]
     low_km, high_km = CELLS[cell].altitude_km
     of_run = seeds.of_run(run)
@@ -131,7 +134,8 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str) -> Draw:
     period_s = 2.0 * math.pi * math.sqrt(axis_m**3 / MU_PAPER_M3PS2)
     acquisition = float(rng.choice(ensemble.acquisition_s))
     acquisition_s = float(round(acquisition if acquisition > 0.0 else -acquisition * period_s))
-    outage_s = float(round(_log(rng, ensemble.outage_s)))
+    drawn_s = float(round(_log(rng, ensemble.outage_s)))
+    outage_s = drawn_s if outage_s is None else outage_s
     outages = [{"start_s": acquisition_s, "duration_s": outage_s}]
     end_s = acquisition_s + outage_s
     # every draw is made in every run, used or not: a share that changes leaves all else as it was

@@ -26,6 +26,7 @@ from hil_sim.truth.interface import MU_PAPER_M3PS2
 
 TICK_NS = NS_PER_S
 LIMITS_M = (50.0, 2000.0)
+CONVERGED_S = 60.0  # of fixes, after which the bound is judged: no acquisition of an ensemble is shorter
 _ORIENTATION_DAYS = 30
 _NEES_STEP = 10
 
@@ -63,11 +64,17 @@ def fly(flight: Flight, run: int) -> Arrays:
     drawn = draw(flight.ensemble, flight.seeds, run, flight.table_set)
     world = flown.build_world(drawn.tree, drawn.where, TICK_NS)
     inputs, ticks = flown.step_inputs(world)
+    memory = load(flight, drawn, world)
+    outputs = flown.last_of_tick(arc.fly(memory, inputs), ticks)
+    return measure(flight.ensemble, drawn, world, outputs)
+
+
+def load(flight: Flight, drawn: Draw, world: flown.World) -> Memory:
+    """A memory with the tables of a run."""
     memory = Memory()
     memory.load(_navigation(flight).values, _orientation(world.t_start_gps_ns // (_ORIENTATION_DAYS * NS_PER_DAY)))
     memory.load_forces(forces_of(drawn).values, _field().values)
-    outputs = flown.last_of_tick(arc.fly(memory, inputs), ticks)
-    return measure(flight.ensemble, drawn, world, outputs)
+    return memory
 
 
 def measure(ensemble: Ensemble, drawn: Draw, world: flown.World, outputs: np.ndarray) -> Arrays:
@@ -82,7 +89,7 @@ def measure(ensemble: Ensemble, drawn: Draw, world: flown.World, outputs: np.nda
     broken_epochs, epochs                  of the outage
     crossing_error_s, crossing_bound_s (2,)   first age beyond LIMITS_M, NaN: not reached
     flag_age_s                             at which the flag of the table's own limit was raised
-    orbits, integrated_broken, integrated_ratio   revolutions in INTEGRATED mode, broken epochs there, worst ratio
+    orbits, integrated_broken, integrated_ratio   revolutions in INTEGRATED mode since convergence, broken epochs, worst
     nees_before, sigma_before_m            mean NEES (6) of the last minute of fixes; position sigma at the loss
     drag_before, drag_after                estimated drag scale at the loss and at the end
     second_ratio, second_violated          of the second outage
@@ -112,7 +119,7 @@ def measure(ensemble: Ensemble, drawn: Draw, world: flown.World, outputs: np.nda
     outside = np.ones(len(since_s), bool)
     for o in world.scenario.outage:
         outside &= ~((since_s >= o.start_s) & (since_s < o.start_s + o.duration_s))
-    integrated = outside & (outputs["mode"] == Mode.INTEGRATED)
+    integrated = outside & (since_s >= CONVERGED_S) & (outputs["mode"] == Mode.INTEGRATED)
     period_s = 2.0 * np.pi * np.sqrt(float(drawn.tree["orbit"]["semi_major_axis_m"]) ** 3 / MU_PAPER_M3PS2)
     before = np.flatnonzero(integrated & (since_s < lost))[-60:]
     returning = (since_s >= regained) & outside & ~integrated

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from flight_bench import loaded_memory, record
+from flight_filter_bench import fixes_every_second, fly, flying_memory, kepler
 
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 
@@ -46,3 +47,19 @@ def test_a_broken_variance_on_any_axis_gives_no_finite_bound(axis, variance):
     assert not math.isfinite(axis_bound_m(table, p))
     if variance != -1.0:
         assert not math.isfinite(radius_bound_m(table, p))
+
+
+@pytest.mark.compiled
+def test_an_outage_begins_with_the_bound_of_its_last_fix():
+    """GIVEN a margin while fixes come WHEN GNSS is lost THEN the bound waits until the growing one has passed it."""
+    inputs = fixes_every_second(0, 3000, kepler(), np.random.default_rng(4))
+    inputs["fix_present"][1000:] = 0
+    plain = fly(flying_memory(fixes_margin=1.0), inputs.copy())
+    wide = fly(flying_memory(fixes_margin=1.25), inputs.copy())
+    assert np.array_equal(plain["r_gcrf_m"], wide["r_gcrf_m"], equal_nan=True)
+    for name in ("bound_m", "bound_3d_m"):
+        assert wide[name][5:1000] == pytest.approx(1.25 * plain[name][5:1000], rel=1e-12)
+        held = np.maximum(plain[name][1002:], wide[name][999])
+        assert wide[name][1002:] == pytest.approx(held, rel=1e-12)
+        assert held[0] > plain[name][1002]
+        assert held[-1] == plain[name][-1]
