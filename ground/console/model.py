@@ -132,8 +132,8 @@ class LinkStatus(NamedTuple):
 class Timing(NamedTuple):
     """LEONAV_TIMING of one member of flight's tick or slack; microseconds."""
 
-    index: int
-    count: int
+    place: int
+    members: int
     name: str
     runs: int
     over_budget: int
@@ -174,7 +174,7 @@ class State:
     table: Table | None = None
     link: LinkStatus | None = None
     link_s: float | None = None
-    timing: tuple[tuple[Timing, float], ...] = ()  # by index, each with the time it was heard
+    timing: tuple[tuple[Timing, float], ...] = ()  # by place, each with the time it was heard
     sigma_rtn_m: tuple[float, float, float] | None = None  # 1-sigma, radial, along-track, cross-track
     sigma_rtn_s: float | None = None
     alarms: tuple[Alarm, ...] = ()
@@ -283,12 +283,13 @@ def _table(state: State, message: Any, now_s: float) -> State:
 
 
 def _timing(state: State, message: Any, now_s: float) -> State:
-    values = {name: getattr(message, name) for name in Timing._fields}
-    told = Timing(**values)._replace(name=safe(message.name, 16), histogram=tuple(message.histogram))
-    if not told.index < told.count:
+    values = [getattr(message, name) for name in Timing._fields[3:]]
+    told = Timing(message.index, message.count, safe(message.name, 16), *values)
+    told = told._replace(histogram=tuple(message.histogram))
+    if not told.place < told.members:
         return state
-    others = (entry for entry in state.timing if entry[0].index != told.index and entry[0].count == told.count)
-    return replace(state, timing=tuple(sorted((*others, (told, now_s)), key=lambda entry: entry[0].index)))
+    others = (entry for entry in state.timing if entry[0].place != told.place and entry[0].members == told.members)
+    return replace(state, timing=tuple(sorted((*others, (told, now_s)), key=lambda entry: entry[0].place)))
 
 
 def _covariance(state: State, message: Any, now_s: float) -> State:

@@ -23,7 +23,7 @@ def timing_page(state: State, now_s: float, rows: int) -> Text:
     newest_s = max(heard_s for _, heard_s in state.timing)
     told = state.timing[-1][0]
     text = Text()
-    text.append(f"{len(state.timing)} of {told.count} members; ticks that began late: ", style="bold")
+    text.append(f"{len(state.timing)} of {told.members} members; ticks that began late: ", style="bold")
     slips = max(timing.slips for timing, _ in state.timing)
     text.append(f"{slips:,}", style="bold" if not slips else "bold yellow")
     silent_s = age_s(now_s, newest_s)
@@ -37,7 +37,7 @@ def timing_page(state: State, now_s: float, rows: int) -> Text:
     for timing, heard_s in state.timing[: max(1, rows - 5)]:
         late = age_s(now_s, heard_s) > STALE_TURNS_S
         over = timing.over_budget > 0
-        text.append(f"{timing.name:<16}", style="bold" if timing.index == 0 else "")
+        text.append(f"{timing.name:<16}", style="bold" if timing.place == 0 else "")
         text.append(f"{timing.budget_us:>8,.0f}")
         for value in (timing.p50_us, timing.p99_us, timing.p999_us):
             text.append(f"{_microseconds(value):>9}")
