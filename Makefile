@@ -116,6 +116,12 @@ tune: setup  ## a quick tuning by both methods, minutes; prints how to fly the s
 	@$(PY) -m ground tune --method paper --quick --out runs/tune/paper
 	@$(PY) -m ground tune --method overbound --quick --out runs/tune/overbound
 
+.PHONY: certify
+# What was flown is kept: the same command goes on where it was stopped. Hours on two processors; QUICK=--quick: minutes.
+certify: setup  ## certify the bound of a table set (SET=flight): long outages, then 12,000 of 2000 s; report in runs/certify
+	@$(PY) -m ground certify --set $(or $(SET),flight) --long $(QUICK)
+	@$(PY) -m ground certify --set $(or $(SET),flight) $(QUICK)
+
 .PHONY: accuracy
 # Finished orbits are kept: the same command goes on where it was stopped. About an hour on two processors.
 accuracy: setup  ## the flight filter on real and simulated orbits: figures, plots and verdict in runs/accuracy

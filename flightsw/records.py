@@ -38,7 +38,6 @@ DRAG = slice(9, 11)  # 1: what drag has beyond the model, as share of it; a fast
 GNSS_BIAS = slice(11, 14)  # m, RTN: error of GNSS positions that lasts for minutes
 GNSS_PERIODIC = slice(14, 20)  # m, RTN: error with the period of the orbit; (in phase, in quadrature) for each axis
 
-
 # Where a table's certificate holds, and its grade, in the units of icd/certificate.py; all zero without one.
 _BOX = "grade altitude_min_km altitude_max_km certified_age_s f107_min f107_max fix_sigma_max_m convergence_s burns"
 ENVELOPE = tuple("envelope_" + name for name in _BOX.split())
@@ -149,8 +148,7 @@ NAV = np.dtype(
         ("bound_own_3d_m", "f8"),
         ("bound_coast_m", "f8"),
         ("bound_coast_3d_m", "f8"),
-        ("bound_fix_m", "f8"),  # at the last accepted fix: an outage begins with no less
-        ("bound_fix_3d_m", "f8"),
+        ("bound_fix_m", "f8", (2,)),  # own and own 3-D of the last accepted fix: an outage begins with no less
         ("over_limit", "i8"),
         ("flag", "i8"),
         ("flag_age_s", "f8"),
@@ -344,8 +342,7 @@ AHEAD = np.dtype(
 
 # The gravity field as the kernels sum it, made from its table once (kernels/spherical_harmonics.py): [n, m] throughout.
 # The acceleration is a series of one degree more than the potential, the gradient of two. Sums run over HARMONIC_GROUP
-# degrees and whole blocks of orders at a time: there are rows and columns, of zeros, for that; 144 columns, not 128,
-# keep rows out of each other's cache lines.
+# degrees and whole blocks of orders at a time, with zeros for that; 144 columns, not 128: no rows share a cache line.
 HARMONIC_GROUP = 4
 HARMONIC_ROWS = MAX_GRAVITY_DEGREE + 4
 HARMONIC_BLOCK = 8

@@ -33,6 +33,7 @@ from ground.errors import OperatorError
 from ground.reports.figures import make_figures
 from ground.reports.verdict import render_verdict
 from ground.tables.build import build_navigation
+from ground.tables.certified import build_certified
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
 from hil_sim.bus import Monitor, VirtualBusPair
@@ -136,7 +137,11 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
     stop_ns = start_ns + round(loaded.scenario.time.duration_s * 1e9)
     finals = earth_orientation_file(loaded)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / app.NAVIGATION_FILE).write_bytes(build_navigation(flight.table_set, flight.table or None))
+    if flight.table:
+        navigation_image = build_navigation(flight.table_set, flight.table)
+    else:
+        navigation_image, _ = build_certified(flight.table_set)  # what it lacks flight says itself: UNCERTIFIED
+    (folder / app.NAVIGATION_FILE).write_bytes(navigation_image)
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
         build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
     )

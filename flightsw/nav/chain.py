@@ -87,12 +87,12 @@ def _look_ahead_flight(nav, table, dt_s, work):
     own_m = table.fixes_margin * axis_m
     own_3d_m = table.fixes_margin * radius_m
     if nav.t_gps_ns == nav.t_fix_gps_ns:
-        nav.bound_fix_m = own_m
-        nav.bound_fix_3d_m = own_3d_m
+        nav.bound_fix_m[0] = own_m
+        nav.bound_fix_m[1] = own_3d_m
     nav.bound_own_m = own_m + nav.monitor_doubt_m
     nav.bound_own_3d_m = own_3d_m + nav.monitor_doubt_m
-    nav.bound_coast_m = _larger(axis_m, nav.bound_fix_m) + nav.monitor_doubt_m
-    nav.bound_coast_3d_m = _larger(radius_m, nav.bound_fix_3d_m) + nav.monitor_doubt_m
+    nav.bound_coast_m = _larger(axis_m, nav.bound_fix_m[0]) + nav.monitor_doubt_m
+    nav.bound_coast_3d_m = _larger(radius_m, nav.bound_fix_m[1]) + nav.monitor_doubt_m
     for i in range(MEASUREMENTS):
         for j in range(MEASUREMENTS):
             nav.covariance[i, j] = work.P_rv[i, j]

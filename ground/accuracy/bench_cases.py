@@ -47,7 +47,8 @@ class Orbit(NamedTuple):
 
 
 # Cross-section by mass from public figures: GRACE-FO 600 kg and 1.0 m2 (frontal: drag is what counts there), Sentinel-3
-# 1150 kg, array of 10.5 m2 and body of 2.2 m by 2.2 m, Sentinel-1 2200 kg, Jason-2 510 kg, with their solar arrays.
+# 1150 kg, body of 2.2 m by 3.7 m (ESA, facts and figures) and 2 / pi of an array of 10.5 m2 that turns with the Sun,
+# Sentinel-1 2200 kg, Jason-2 510 kg, with their solar arrays.
 _SENTINEL_3A = "leo_sp3/ssas3a20.b18358.e19003.DG_.sp3.gz"
 _GRACE_FO = "leo_gracefo/GRACE-C_59412_orbit_crf.orb.gz"
 _JASON_2 = "leo_sp3/grgja203.b08243.e08247.D_S.sp3.gz"

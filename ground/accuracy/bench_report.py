@@ -17,6 +17,7 @@ _VERDICT_HEAD = "item | orbit | fixes | what | wanted | goal | measured | "
 _STEADY_HEAD = "orbit | fixes | converged in | position rms | max | velocity rms | beyond bound | NEES/n"
 _OUTAGE_HEAD = "orbit | fixes | age | starts | median | 99.7 % | max | error/bound | bound median | NEES/n | "
 _OUTAGE_HEAD += "floor median | floor max | share"
+_VALIDATION_HEAD = "orbit | fixes | outages | independent arcs | violated | largest | 1 / q.95"
 _RETURN_HEAD = "orbit | fixes | outage | runs | error then (max) | 5 m in 60 s | worst | 2x steady in 600 s | worst | "
 _RETURN_HEAD += "rms at 600 s by steady | late without outage"
 
@@ -73,6 +74,13 @@ def markdown(summaries: Sequence[Summary], lines: Sequence[Line]) -> str:
                 _OUTAGE_HEAD,
                 (row for one in summaries for row in _outage_rows(one)),
             ),
+            "",
+            "## Bound without fixes",
+            "",
+            "A validation on orbits that no tuning has seen, no certification. Largest error / bound of each outage "
+            "over all its ages: the largest of them, and 1 / their 95 % quantile.",
+            "",
+            *_table(_VALIDATION_HEAD, map(_validation_row, summaries)),
             "",
             "## Fixes again",
             "",
@@ -146,6 +154,19 @@ def _steady_row(one: Summary) -> tuple[str, ...]:
         _velocity(steady["rms_3d_mps"]),
         _percent(steady["beyond_bound_share"]),
         _nees(steady),
+    )
+
+
+def _validation_row(one: Summary) -> tuple[str, ...]:
+    told = one["validation"]
+    return (
+        one["orbit"],
+        one["profile"],
+        str(told["outages"]),
+        str(told["independent_arcs"]),
+        str(told["violated"]),
+        _plain(told["worst_error_to_bound"]),
+        _plain(told["tightness_q95"]),
     )
 
 

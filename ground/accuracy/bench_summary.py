@@ -39,6 +39,7 @@ def summarise(case: Case, figures: Arrays) -> Summary:
         "starts": start_list(case.plan, figures),
         "outages": {str(age): age_figures(case.plan, figures, age) for age in case.plan.ages_s},
         "outage_beyond_bound_share": _share(figures["outage_beyond"].sum(), figures["outage_ticks"].sum()),
+        "validation": validation_figures(case.plan, figures),
         "drag_scale_fitted_median": _number(np.nanmedian(figures["drag_scale"]))
         if np.isfinite(figures["drag_scale"]).any()
         else None,
@@ -137,6 +138,31 @@ def age_figures(plan: Plan, figures: Arrays, age_s: int) -> Summary:
             found[f"{name}_rms_3d_m"] = _number(floor_rms)
             found[f"{name}_share"] = _share(floor_rms**2, rms**2)
     return found
+
+
+def validation_figures(plan: Plan, figures: Arrays) -> Summary:
+    """How the bound did in the outages, over all their ages: a validation, no certification.
+
+    Outages of one orbit overlap; so many arcs of it are independent as there is room for, end to end.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = outage_axis_m(figures) / figures["outage_bound_m"]
+    ratio[np.isnan(figures["outage_bound_m"]) & np.isfinite(outage_axis_m(figures))] = np.inf
+    flown = ~np.isnan(ratio).all(axis=1)
+    worst = np.nanmax(ratio[flown], axis=1) if flown.any() else np.array([np.nan])
+    q95 = _quantile(worst, 0.95)
+    last_s, arcs = -np.inf, 0
+    for begin_s in sorted(plan.begins_s):
+        if begin_s >= last_s + plan.ages_s[-1]:
+            last_s, arcs = begin_s, arcs + 1
+    return {
+        "outages": int(flown.sum()),
+        "independent_arcs": arcs,
+        "violated": int((figures["outage_beyond"][flown] > 0).sum()),
+        "worst_error_to_bound": _number(worst.max()),
+        "q95_error_to_bound": _number(q95),
+        "tightness_q95": _number(1.0 / q95) if q95 > 0.0 else None,
+    }
 
 
 def return_figures(plan: Plan, figures: Arrays, k: int, steady_rms_m: float | None) -> Summary:

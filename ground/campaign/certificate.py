@@ -52,18 +52,18 @@ def summarise(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
         "days": len(np.unique(figures["day"])),
         "pooled": pooled,
         "cells": cells,
-        "floor": {"k": lowest.k, "tightness": {_bin(b): _number(lowest.over(*b)) for b in bins}},
+        "floor": {"k": lowest.k, "tightness": {bin_name(b): number(lowest.over(*b)) for b in bins}},
         "integrated": _integrated(figures),
         "second_outages": {
             "flown": int(figures["second_outage"].sum()),
             "violated": int(figures["second_violated"].sum()),
-            "worst_ratio": _number(_max(figures["second_ratio"])),
+            "worst_ratio": number(_max(figures["second_ratio"])),
         },
-        "returns": {"worst_ratio": _number(_max(figures["return_ratio"]))},
-        "with_burns": _violations(figures, figures["burns"] > 0),
+        "returns": {"worst_ratio": number(_max(figures["return_ratio"]))},
+        "with_burns": violations(figures, figures["burns"] > 0),
         "nees_before": {
-            "median": _number(quantile(figures["nees_before"], 0.5)),
-            "q95": _number(quantile(figures["nees_before"], 0.95)),
+            "median": number(quantile(figures["nees_before"], 0.5)),
+            "q95": number(quantile(figures["nees_before"], 0.95)),
             "expected": 6,
         },
         "coverage": coverage(ensemble, figures),
@@ -75,9 +75,9 @@ def _group(ensemble: Ensemble, figures: Arrays, rows: np.ndarray) -> dict[str, A
     started = rows & figures["started"]
     axis_m = np.abs(figures["error_m"][started]).max(axis=2)
     ratio = axis_m / figures["bound_m"][started]
-    found = _violations(figures, rows) | {
-        "worst_ratio": _number(_max(figures["worst_ratio"][started])),
-        "worst_3d_ratio": _number(_max(figures["worst_3d_ratio"][started])),
+    found = violations(figures, rows) | {
+        "worst_ratio": number(_max(figures["worst_ratio"][started])),
+        "worst_3d_ratio": number(_max(figures["worst_3d_ratio"][started])),
         "violated_3d": int((figures["worst_3d_ratio"][started] > 1.0).sum()),
         "epochs": int(figures["epochs"][started].sum()),
         "misleading_epochs": int(figures["broken_epochs"][started].sum()),
@@ -88,21 +88,23 @@ def _group(ensemble: Ensemble, figures: Arrays, rows: np.ndarray) -> dict[str, A
     for b in AGE_BINS_S:
         inside = (ages >= b[0]) & (ages < b[1])
         if inside.any():
-            found["tightness"][_bin(b)] = _number(tightness(ratio[:, inside]))
-            found["error_q997_m"][_bin(b)] = _number(quantile(axis_m[:, inside]))
-            found["bound_median_m"][_bin(b)] = _number(quantile(figures["bound_m"][started][:, inside], 0.5))
+            found["tightness"][bin_name(b)] = number(tightness(ratio[:, inside]))
+            found["error_q997_m"][bin_name(b)] = number(quantile(axis_m[:, inside]))
+            found["bound_median_m"][bin_name(b)] = number(quantile(figures["bound_m"][started][:, inside], 0.5))
     found["limits"] = {f"{limit:g}": _flagging(figures, started, axis_m, ages, k) for k, limit in enumerate(LIMITS_M)}
     return found
 
 
-def _violations(figures: Arrays, rows: np.ndarray) -> dict[str, Any]:
+def violations(figures: Arrays, rows: np.ndarray, counted: str = "violated") -> dict[str, Any]:
+    """Outages with a broken bound and the limit of their rate; counted: to the end, or `violated_before_flag`."""
     started = rows & figures["started"]
     trials = int(started.sum())
-    failures = int(figures["violated"][started].sum())
+    failures = int(figures[counted][started].sum())
     return {
         "outages": trials,
         "not_started": int((rows & ~figures["started"]).sum()),
         "violated": failures,
+        "violated_to_the_end": int(figures["violated"][started].sum()),
         "violated_before_flag": int(figures["violated_before_flag"][started].sum()),
         "upper_limit_95": upper_limit(failures, trials) if trials else 1.0,
     }
@@ -126,10 +128,10 @@ def _flagging(figures: Arrays, started: np.ndarray, axis_m: np.ndarray, ages: np
         "hazardous_upper_limit_95": upper_limit(hazardous, trials) if trials else 1.0,
         "flags": int(np.isfinite(by_bound).sum()),
         "early_flags": int((np.isfinite(by_bound) & ~(by_error <= by_bound)).sum()),
-        "early_lead_median_s": _number(float(np.median(lead)) if len(lead) else math.nan),
-        "t_s": _number(t_s),
-        "t_flag_median_s": _number(t_flag_s),
-        "t_flag_over_t": _number(t_flag_s / t_s),
+        "early_lead_median_s": number(float(np.median(lead)) if len(lead) else math.nan),
+        "t_s": number(t_s),
+        "t_flag_median_s": number(t_flag_s),
+        "t_flag_over_t": number(t_flag_s / t_s),
     }
 
 
@@ -142,7 +144,7 @@ def _integrated(figures: Arrays) -> dict[str, Any]:
         "orbits": orbits,
         "violated": failures,
         "upper_limit_95": upper_limit(failures, trials),
-        "worst_ratio": _number(_max(figures["integrated_ratio"])),
+        "worst_ratio": number(_max(figures["integrated_ratio"])),
     }
 
 
@@ -200,23 +202,23 @@ def judge(summary: dict[str, Any]) -> list[Target]:
     """What was wanted of the flight filter, and whether it was reached."""
     pooled, cells, integrated = summary["pooled"], summary["cells"], summary["integrated"]
     lines = [
-        _below("violated outages, all cells, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"]),
-        *(_below(f"violated, {c['cell']}", CELL_LIMIT, c["upper_limit_95"]) for c in cells),
-        _below("violations in INTEGRATED mode per orbit, 95 % limit", POOLED_LIMIT, integrated["upper_limit_95"]),
+        below("violated outages, all cells, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"]),
+        *(below(f"violated, {c['cell']}", CELL_LIMIT, c["upper_limit_95"]) for c in cells),
+        below("violations in INTEGRATED mode per orbit, 95 % limit", POOLED_LIMIT, integrated["upper_limit_95"]),
     ]
     for limit, flagging in pooled["limits"].items():
         lines.append(
-            _below(f"hazardous at {limit} m, all cells, 95 % limit", POOLED_LIMIT, flagging["hazardous_upper_limit_95"])
+            below(f"hazardous at {limit} m, all cells, 95 % limit", POOLED_LIMIT, flagging["hazardous_upper_limit_95"])
         )
     for cell in cells:
         judged = [
             value
-            for b, value in ((b, cell["tightness"].get(_bin(b))) for b in AGE_BINS_S)
+            for b, value in ((b, cell["tightness"].get(bin_name(b))) for b in AGE_BINS_S)
             if value is not None and b[0] >= JUDGED_S[0] and b[1] <= JUDGED_S[1]
         ]
         mean, worst = (sum(judged) / len(judged), max(judged)) if judged else (math.nan, math.nan)
-        lines.append(_below(f"mean tightness, {cell['cell']}", MEAN_TIGHTNESS, mean))
-        lines.append(_below(f"worst tightness, {cell['cell']}", WORST_TIGHTNESS, worst))
+        lines.append(below(f"mean tightness, {cell['cell']}", MEAN_TIGHTNESS, mean))
+        lines.append(below(f"worst tightness, {cell['cell']}", WORST_TIGHTNESS, worst))
         for limit, flagging in cell["limits"].items():
             share = flagging["t_flag_over_t"]
             name = f"median T_flag / T at {limit} m, {cell['cell']}"
@@ -225,13 +227,15 @@ def judge(summary: dict[str, Any]) -> list[Target]:
     return lines
 
 
-def _below(what: str, wanted: float, measured: float) -> Target:
+def below(what: str, wanted: float, measured: float) -> Target:
+    """A line of what may not exceed what is wanted."""
     if math.isnan(measured):
         return Target(what, f"<= {wanted:g}", "none", None)
     return Target(what, f"<= {wanted:g}", f"{measured:.4g}", measured <= wanted)
 
 
-def _bin(ages: tuple[int, int]) -> str:
+def bin_name(ages: tuple[int, int]) -> str:
+    """`60-200`."""
     return f"{ages[0]}-{ages[1] // 10 * 10}"
 
 
@@ -239,6 +243,6 @@ def _max(values: np.ndarray) -> float:
     return float(np.nanmax(values)) if np.any(~np.isnan(values)) else math.nan
 
 
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
     """For JSON, which knows neither NaN nor infinity."""
     return float(value) if math.isfinite(value) else None

@@ -14,14 +14,15 @@ import numpy as np
 import flightsw
 from flightsw.icd.table_file import decode
 from flightsw.provenance import package_hash
-from ground.campaign import attempts, certificate, executor, flown, seeds, store
+from ground.campaign import attempts, certificate, endurance, endurance_summary, executor, flown, seeds, store
 from ground.campaign.ensemble import Ensemble
 from ground.campaign.outage import Arrays, Flight
 from ground.errors import OperatorError
 from ground.tables.build import build_navigation
 
 CERTIFICATE = "certificate.json"
-QUICK_RUNS = 48
+LONG, LONG_OUTAGES = "long", "long_outages.json"
+QUICK_RUNS, QUICK_LONG_RUNS = 48, 12
 _ROOT = Path(flightsw.__file__).resolve().parents[1]
 # beside flight itself: everything that makes the figures of a run, not what sums them up
 _SOURCES = (
@@ -29,6 +30,7 @@ _SOURCES = (
     "ground/tables/*.py",
     *(f"ground/campaign/{name}.py" for name in ("arc", "cells", "ensemble", "flown", "outage", "seeds")),
 )
+_SOURCES_LONG = ("ground/campaign/endurance.py",)
 
 
 class Certified(NamedTuple):
@@ -40,11 +42,11 @@ class Certified(NamedTuple):
     targets: list[certificate.Target]
 
 
-@lru_cache(maxsize=1)
-def code_hash() -> str:
-    """SHA-256 over the code that flies, simulates and measures."""
+@lru_cache(maxsize=2)
+def code_hash(long: bool = False) -> str:
+    """SHA-256 over the code that flies, simulates and measures outages; long: those flown past the flag."""
     digest = hashlib.sha256(package_hash().encode())
-    for pattern in _SOURCES:
+    for pattern in _SOURCES + (_SOURCES_LONG if long else ()):
         for path in sorted(_ROOT.glob(pattern)):
             digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
@@ -74,28 +76,89 @@ def certify(
     fly: Callable[..., Arrays] = executor.complete,
     **how: Any,
 ) -> Certified:
-    """Fly and sum up. how: jobs, dask, chunk_runs of `executor.complete`. Raises OperatorError."""
+    """Fly and sum up. how: jobs, dask, chunk_runs of `executor.complete`. Raises OperatorError.
+
+    Long outages of the same table, if the folder has any (`endure`), go into the certificate: they say to what age.
+    """
+    attempt = _begin(folder, table_set, ensemble, runs, quick, again, code_hash())
+    figures = fly(attempt.place, attempt.flight, runs, advance, **how)
+    summary = certificate.summarise(ensemble, figures)
+    targets = certificate.judge(summary)
+    counts = [int(np.sum(figures["cell"] == cell)) for cell in ensemble.cells]
+    grade = certificate.grade_of(ensemble, counts, quick)
+    long = _long_outages(folder, attempt.what["table_sha256"])
+    if long is not None:
+        targets += [certificate.Target(**line) for line in long["targets"]]
+    document = _document(attempt, grade, summary["pooled"], targets, folder) | {
+        "format": "leonav certificate 1",
+        "envelope": certificate.envelope(ensemble, figures) | _certified_age(ensemble, long),
+        "summary": summary,
+        "long": long,
+    }
+    _write(folder / CERTIFICATE, document)
+    return Certified(document, figures, ensemble, targets)
+
+
+def endure(
+    folder: Path,
+    table_set: str,
+    ensemble: Ensemble,
+    runs: int,
+    advance: executor.Advance,
+    quick: bool = False,
+    again: bool = False,
+    fly: Callable[..., Arrays] = executor.complete,
+    **how: Any,
+) -> Certified:
+    """Fly outages past the flag and sum up; ensemble: of `endurance.ensemble_of`. As `certify`, in folder/long."""
+    place = folder / LONG
+    attempt = _begin(place, table_set, ensemble, runs, quick, again, code_hash(long=True))
+    flight = endurance.flight_of(attempt.flight)
+    figures = fly(attempt.place, flight, runs, advance, work=endurance.fly_chunk, **how)
+    summary = endurance_summary.summarise(figures, ensemble.outage_s[1])
+    targets = endurance_summary.judge(summary)
+    grade = endurance_summary.grade_of(figures, quick)
+    document = _document(attempt, grade, summary["pooled"], targets, place) | {
+        "format": "leonav long outages 1",
+        "summary": summary,
+    }
+    _write(place / LONG_OUTAGES, document)
+    return Certified(document, figures, ensemble, targets)
+
+
+class _Attempt(NamedTuple):
+    number: int
+    what: dict[str, Any]
+    image: bytes
+    flight: Flight
+    place: Path
+
+
+def _begin(
+    folder: Path, table_set: str, ensemble: Ensemble, runs: int, quick: bool, again: bool, code: str
+) -> _Attempt:
+    """Write the attempt down, and make the folder of its runs."""
     image = build_navigation(table_set)
     what = {
         "table_set": table_set,
         "table_sha256": hashlib.sha256(image).hexdigest(),
         "ensemble_sha256": ensemble.hash,
-        "code_sha256": code_hash(),
+        "code_sha256": code,
         "runs": runs,
         "quick": quick,
     }
-    attempt = attempts.begin(folder, what, again)
-    number = int(attempt["attempt"])
+    number = int(attempts.begin(folder, what, again)["attempt"])
     flight = Flight(ensemble, seeds.certification(image, ensemble.document(), number), table_set)
     place = folder / f"attempt-{number:03d}"
-    store.open_folder(place, store.definition(flight, code_hash()))
-    figures = fly(place, flight, runs, advance, **how)
-    summary = certificate.summarise(ensemble, figures)
-    targets = certificate.judge(summary)
-    counts = [int(np.sum(figures["cell"] == cell)) for cell in ensemble.cells]
-    grade = certificate.grade_of(ensemble, counts, quick)
+    store.open_folder(place, store.definition(flight, code))
+    return _Attempt(number, what, image, flight, place)
+
+
+def _document(
+    attempt: _Attempt, grade: str, pooled: dict[str, Any], targets: list[certificate.Target], folder: Path
+) -> dict[str, Any]:
+    """Finish the attempt; what every document of a campaign says."""
     missed = [line.what for line in targets if line.met is False]
-    pooled = summary["pooled"]
     result = {
         "grade": grade,
         "outages": pooled["outages"],
@@ -103,25 +166,41 @@ def certify(
         "upper_limit_95": pooled["upper_limit_95"],
         "missed": len(missed),
     }
-    every = attempts.finish(folder, number, result)
-    document = {
-        "format": "leonav certificate 1",
+    ensemble = attempt.flight.ensemble
+    return {
         "grade": grade,
         "certified": grade == "full" and not missed,
-        "table_set": table_set,
-        "table_crc32": f"{decode(image).crc32:08x}",
-        "table_sha256": what["table_sha256"],
-        "code_sha256": what["code_sha256"],
+        "table_set": attempt.what["table_set"],
+        "table_crc32": f"{decode(attempt.image).crc32:08x}",
+        "table_sha256": attempt.what["table_sha256"],
+        "code_sha256": attempt.what["code_sha256"],
         "ensemble": ensemble.document(),
         "ensemble_sha256": ensemble.hash,
-        "seeds": flight.seeds.document(),
-        "attempt": number,
-        "attempts": every,
-        "envelope": certificate.envelope(ensemble, figures),
-        "summary": summary,
+        "seeds": attempt.flight.seeds.document(),
+        "attempt": attempt.number,
+        "attempts": attempts.finish(folder, attempt.number, result),
         "targets": [line._asdict() for line in targets],
         "missed": missed,
     }
-    text = json.dumps(document, indent=2, sort_keys=True, allow_nan=False) + "\n"
-    (folder / CERTIFICATE).write_text(text, encoding="utf-8")
-    return Certified(document, figures, ensemble, targets)
+
+
+def _long_outages(folder: Path, table_sha256: str) -> dict[str, Any] | None:
+    """What long outages of the same table have shown, or None."""
+    path = folder / LONG / LONG_OUTAGES
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise OperatorError(f"{path}: cannot be read ({error}); fly the long outages again") from error
+    return held if isinstance(held, dict) and held.get("table_sha256") == table_sha256 else None
+
+
+def _certified_age(ensemble: Ensemble, long: dict[str, Any] | None) -> dict[str, float]:
+    """To the end of the outages; to that of long ones where these are as many as a certificate takes."""
+    proven = long is not None and long["grade"] == "full"
+    return {"age_s": float(long["summary"]["longest_s"]) if long is not None and proven else ensemble.outage_s[1]}
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    path.write_text(json.dumps(document, indent=2, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any
 from ground.errors import OperatorError
 
 HELP = "fly a fresh ensemble of outages and say with what confidence a set's bound holds"
-USUAL_RUNS = 12_000
+USUAL_RUNS, USUAL_LONG_RUNS = 12_000, 4008
 STOPPED = 130  # exit status after an interrupt, as of a shell
 
 
@@ -18,7 +18,17 @@ def add_arguments(subparsers: Any) -> None:
     """The parser of `ground certify`."""
     parser = subparsers.add_parser("certify", help=HELP, description=HELP)
     parser.add_argument("--set", dest="table_set", default="flight", metavar="NAME", help="table set (default flight)")
-    parser.add_argument("--runs", type=int, metavar="N", help=f"outages (default {USUAL_RUNS}; with --quick 48)")
+    parser.add_argument(
+        "--long",
+        action="store_true",
+        help="outages flown past the flag, up to a day: how long the bound holds, and was the flag foretold",
+    )
+    parser.add_argument(
+        "--runs",
+        type=int,
+        metavar="N",
+        help=f"outages (default {USUAL_RUNS}, with --long {USUAL_LONG_RUNS}; with --quick 48 and 12)",
+    )
     parser.add_argument(
         "--quick", action="store_true", help="short outages after short acquisitions: never a certificate"
     )
@@ -43,17 +53,21 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from ground.campaign import certify, pictures, report
+    from ground.campaign import certify, endurance, endurance_report, pictures, report
     from ground.studies.flights import usual_jobs
 
     ensemble = certify.ensemble_of(args.table_set, args.quick)
-    runs = args.runs if args.runs is not None else certify.QUICK_RUNS if args.quick else USUAL_RUNS
+    fly, usual, quick = certify.certify, USUAL_RUNS, certify.QUICK_RUNS
+    if args.long:
+        fly, usual, quick = certify.endure, USUAL_LONG_RUNS, certify.QUICK_LONG_RUNS
+        ensemble = endurance.ensemble_of(ensemble, args.quick)
+    runs = args.runs if args.runs is not None else quick if args.quick else usual
     jobs = args.jobs if args.jobs is not None else usual_jobs()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     try:
         with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
             task = progress.add_task("flying outages", total=runs)
-            found = certify.certify(
+            found = fly(
                 folder,
                 args.table_set,
                 ensemble,
@@ -68,12 +82,18 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("\nstopped; finished outages are kept, the same command goes on from there", file=sys.stderr)
         return STOPPED
-    drawn = pictures.draw(found, folder / "figures")
-    written = report.write(folder, found.document, found.targets, drawn)
-    for line in report.verdict(found.document, found.targets):
+    if args.long:
+        place = folder / certify.LONG
+        drawn = endurance_report.draw(found, place / "figures")
+        written = endurance_report.write(place, found.document, found.targets, drawn)
+        said, document = endurance_report.verdict(found.document, found.targets), place / certify.LONG_OUTAGES
+    else:
+        written = report.write(folder, found.document, found.targets, pictures.draw(found, folder / "figures"))
+        said, document = report.verdict(found.document, found.targets), folder / certify.CERTIFICATE
+    for line in said:
         print(line)
     for target in found.targets:
         if target.met is False:
             print(f"  missed: {target.what}: {target.measured}, wanted {target.wanted}")
-    print(f"written: {written}, {folder / certify.CERTIFICATE}")
+    print(f"written: {written}, {document}")
     return 0

@@ -77,15 +77,14 @@ def fly(flight: Flight, run: int) -> Arrays:
     for row, age_s in enumerate((0.0, ASKED_AT_S)):
         counter_ns = go_to(age_s)
         for k in range(len(LIMITS_M)):
-            foretold_s[row, k] = _ask(memory, limits[k], counter_ns)
+            foretold_s[row, k] = ask(memory, limits[k], counter_ns)
             asked_s[row, k] = age_s
     for k in np.argsort(foretold_s[1]).tolist():
         half_s = 0.5 * foretold_s[1, k]
         if math.isfinite(half_s) and ASKED_AT_S < half_s < drawn.outage_s:
             counter_ns = go_to(half_s)
-            foretold_s[2, k] = _ask(memory, limits[k], counter_ns)
+            foretold_s[2, k] = ask(memory, limits[k], counter_ns)
             asked_s[2, k] = half_s
-    memory.load_navigation(limits[-1].values)
     parts.append(arc.fly(memory, inputs[done:]))
     outputs = flown.last_of_tick(np.concatenate(parts), ticks)
     return measure(flight.ensemble, drawn, world, outputs) | {
@@ -109,11 +108,12 @@ def _foretold_at_loss(flight: Flight, run: int, limit: TableImage) -> float:
     _, inputs, ticks, memory = _prepared(flight, drawn)
     stop = int(np.searchsorted(ticks, round(drawn.acquisition_s), "right"))
     arc.fly(memory, inputs[:stop])
-    return _ask(memory, limit, int(inputs["counter_now_ns"][stop - 1]))
+    return ask(memory, limit, int(inputs["counter_now_ns"][stop - 1]))
 
 
-def _ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
+def ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     """Age of the outage at which flight says that its flag will rise; infinite beyond its horizon, NaN: no answer."""
+    held = memory.table.copy()
     memory.load_navigation(limit.values)
     memory.ahead.view(np.uint8)[:] = 0
     look_ahead(
@@ -128,9 +128,10 @@ def _ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
         counter_ns,
         _AT_ONCE,
     )
+    memory.load_navigation(held)
     if not memory.ahead["valid"][0]:
         return math.nan
     governing = int(memory.ahead["governing"][0])
     if governing == Governing.BOUND:
         return float(memory.ahead["t_flag_gps_ns"][0] - memory.nav["t_fix_gps_ns"][0]) * 1e-9
-    return math.inf if governing in (Governing.HORIZON, Governing.EARTH_ORIENTATION) else math.nan
+    return math.inf if governing == Governing.HORIZON else math.nan

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -20,6 +19,7 @@ from flightsw.kernels.registry import warm_up
 from ground.campaign import store
 from ground.campaign.outage import Arrays, Flight, fly
 from ground.errors import OperatorError
+from ground.workers import serve
 
 CHUNK_RUNS = 20
 _DEATHS_IN_A_ROW = 5
@@ -110,9 +110,7 @@ def _in_pool(jobs: int, flight: Any, chunks: list[Chunk], work: Work) -> Iterato
 
 
 def _make_ready(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who waits for the workers, and ends them
-    if os.getppid() != parent:
-        os._exit(1)
+    serve(parent)
     warm_up()
 
 

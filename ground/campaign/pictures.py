@@ -14,7 +14,7 @@ from ground.campaign.outage import LIMITS_M, ages_s
 from ground.campaign.statistics import quantile, tightness
 from ground.reports import style
 
-_BAND_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7")
+BAND_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7")
 _DASHES = ("-", "--", ":")
 _SHOWN_M = 0.05
 
@@ -32,7 +32,8 @@ def draw(certified: Certified, folder: Path) -> list[Path]:
         return [style.save(drawing(certified), folder / name) for name, drawing in drawings]
 
 
-def _title(certified: Certified) -> str:
+def title(certified: Certified) -> str:
+    """What was flown, under a title."""
     document = certified.document
     grade = "" if document["certified"] else ", not certified"
     return (
@@ -46,9 +47,9 @@ def _ages(certified: Certified) -> np.ndarray:
 
 def error_and_bound(certified: Certified) -> Figure:
     """Medians of error and bound against age, by band of altitude."""
-    figure, (axes,) = style.new_figure(1, "Error without GNSS and its bound, medians", _title(certified))
+    figure, (axes,) = style.new_figure(1, "Error without GNSS and its bound, medians", title(certified))
     figures, ages = certified.figures, _ages(certified)
-    for band, colour in zip(ALTITUDE_BANDS_KM, _BAND_COLOURS, strict=True):
+    for band, colour in zip(ALTITUDE_BANDS_KM, BAND_COLOURS, strict=True):
         rows = figures["started"] & np.isin(figures["cell"], [i for i, c in enumerate(CELLS) if c.altitude_km == band])
         if not rows.any():
             continue
@@ -69,7 +70,7 @@ def error_and_bound(certified: Certified) -> Figure:
 
 def tightness_by_age(certified: Certified) -> Figure:
     """By what factor bounds could be divided, against age, by cell, beside the floor."""
-    figure, (axes,) = style.new_figure(1, "Tightness: 1 / q0.997(error / bound)", _title(certified))
+    figure, (axes,) = style.new_figure(1, "Tightness: 1 / q0.997(error / bound)", title(certified))
     figures, ages = certified.figures, _ages(certified)
     with np.errstate(invalid="ignore"):
         ratio = np.abs(figures["error_m"]).max(axis=2) / figures["bound_m"]
@@ -79,7 +80,7 @@ def tightness_by_age(certified: Certified) -> Figure:
             continue
         band, flux = divmod(index, len(_DASHES))
         values = [tightness(column) for column in ratio[rows].T]
-        axes.plot(ages, values, color=_BAND_COLOURS[band], ls=_DASHES[flux], lw=1.2, label=CELLS[index].label)
+        axes.plot(ages, values, color=BAND_COLOURS[band], ls=_DASHES[flux], lw=1.2, label=CELLS[index].label)
     lowest = certified.document["summary"]["floor"]["tightness"].values()
     known = [value for value in lowest if value is not None]
     if known:
@@ -94,7 +95,7 @@ def tightness_by_age(certified: Certified) -> Figure:
 
 def stanford(certified: Certified) -> Figure:
     """Error against bound for every age kept; above the diagonal the bound held."""
-    figure, (axes,) = style.new_figure(1, "Stanford diagram of the outages", _title(certified))
+    figure, (axes,) = style.new_figure(1, "Stanford diagram of the outages", title(certified))
     figures = certified.figures
     started = figures["started"]
     error = np.abs(figures["error_m"][started]).max(axis=2).ravel()
@@ -127,9 +128,9 @@ def stanford(certified: Certified) -> Figure:
 
 def worst_ratio(certified: Certified) -> Figure:
     """The worst error / bound of every outage, sorted, by band of altitude."""
-    figure, (axes,) = style.new_figure(1, "Worst error / bound of each outage", _title(certified))
+    figure, (axes,) = style.new_figure(1, "Worst error / bound of each outage", title(certified))
     figures = certified.figures
-    for band, colour in zip(ALTITUDE_BANDS_KM, _BAND_COLOURS, strict=True):
+    for band, colour in zip(ALTITUDE_BANDS_KM, BAND_COLOURS, strict=True):
         rows = figures["started"] & np.isin(figures["cell"], [i for i, c in enumerate(CELLS) if c.altitude_km == band])
         worst = np.sort(figures["worst_ratio"][rows])[::-1]
         if len(worst):

@@ -42,20 +42,20 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
     found += [
         f"- grade {document['grade']}, {summary['runs']} runs on {summary['days']} days, "
         f"{pooled['not_started']} without a state when GNSS was lost",
-        f"- worst error / bound {_text(pooled['worst_ratio'])} per axis, {_text(pooled['worst_3d_ratio'])} in three "
+        f"- worst error / bound {text(pooled['worst_ratio'])} per axis, {text(pooled['worst_3d_ratio'])} in three "
         f"dimensions ({pooled['violated_3d']} outages beyond)",
         f"- misleading: {pooled['misleading_epochs']} of {pooled['epochs']} epochs had an error beyond the bound",
         f"- INTEGRATED: {summary['integrated']['violated']} runs broke the bound in "
-        f"{summary['integrated']['orbits']:.0f} revolutions, worst {_text(summary['integrated']['worst_ratio'])}",
+        f"{summary['integrated']['orbits']:.0f} revolutions, worst {text(summary['integrated']['worst_ratio'])}",
         f"- second outages: {summary['second_outages']['violated']} of {summary['second_outages']['flown']} violated; "
         f"with a burn: {summary['with_burns']['violated']} of {summary['with_burns']['outages']}",
-        f"- NEES before the loss: median {_text(summary['nees_before']['median'])}, "
-        f"95 % {_text(summary['nees_before']['q95'])} (6 expected in the mean)",
+        f"- NEES before the loss: median {text(summary['nees_before']['median'])}, "
+        f"95 % {text(summary['nees_before']['q95'])} (6 expected in the mean)",
         "",
     ]
     bins = list(pooled["tightness"])
     found += ["## Cells", "", "Violated outages with the upper limit at 95 %; tightness 1 / q0.997(error / bound).", ""]
-    found += _table(
+    found += table(
         ["cell", "outages", "violated", "limit", "worst", *[f"{b} s" for b in bins]],
         [
             [
@@ -63,27 +63,27 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
                 str(row["outages"]),
                 str(row["violated"]),
                 f"{row['upper_limit_95']:.4f}",
-                _text(row["worst_ratio"]),
-                *[_text(row["tightness"].get(b)) for b in bins],
+                text(row["worst_ratio"]),
+                *[text(row["tightness"].get(b)) for b in bins],
             ]
             for row in (*summary["cells"], pooled)
         ]
-        + [["floor", "", "", "", "", *[_text(floor["tightness"].get(b)) for b in bins]]],
+        + [["floor", "", "", "", "", *[text(floor["tightness"].get(b)) for b in bins]]],
     )
     found += ["", f"The floor is a covariance known perfectly, at k = {floor['k']:.2f} (0.3 % of outages broken).", ""]
     found += ["## Error (q0.997) and median bound [m]", ""]
-    found += _table(
+    found += table(
         ["cell", *[f"{b} s" for b in bins]],
         [
             [
                 row.get("cell", "all"),
-                *[f"{_text(row['error_q997_m'].get(b))} / {_text(row['bound_median_m'].get(b))}" for b in bins],
+                *[f"{text(row['error_q997_m'].get(b))} / {text(row['bound_median_m'].get(b))}" for b in bins],
             ]
             for row in (*summary["cells"], pooled)
         ],
     )
     found += ["", "## Flag", ""]
-    found += _table(
+    found += table(
         [
             "limit [m]",
             "flags",
@@ -100,28 +100,24 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
                 limit,
                 str(f["flags"]),
                 str(f["early_flags"]),
-                _text(f["early_lead_median_s"]),
+                text(f["early_lead_median_s"]),
                 str(f["hazardous"]),
                 f"{f['hazardous_upper_limit_95']:.4f}",
-                _reached(f["t_s"]),
-                _reached(f["t_flag_median_s"]),
-                _reached(f["t_flag_over_t"]),
+                reached(f["t_s"]),
+                reached(f["t_flag_median_s"]),
+                reached(f["t_flag_over_t"]),
             ]
             for limit, f in pooled["limits"].items()
         ],
     )
-    found += ["", "## Wanted and measured", ""]
-    found += _table(
-        ["target", "wanted", "measured", "met"],
-        [[t.what, t.wanted, t.measured, {True: "yes", False: "no", None: "-"}[t.met]] for t in targets],
-    )
+    found += ["", "## Wanted and measured", "", *wanted(targets)]
     found += ["", "## Coverage", ""]
     for name, part in summary["coverage"].items():
         counts = ", ".join(f"{word}: {count}" for word, count in part["counts"].items())
         empty = f"; empty: {', '.join(part['empty'])}" if part["empty"] else ""
         found.append(f"- {name}: {counts}{empty}")
     found += ["", "## Attempts", ""]
-    found += _table(
+    found += table(
         ["attempt", "state", "set", "runs", "violated", "targets missed"],
         [
             [
@@ -139,13 +135,24 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
     return found
 
 
-def _table(head: list[str], rows: list[list[str]]) -> list[str]:
+def wanted(targets: list[Target]) -> list[str]:
+    """Targets as a table."""
+    return table(
+        ["target", "wanted", "measured", "met"],
+        [[t.what, t.wanted, t.measured, {True: "yes", False: "no", None: "-"}[t.met]] for t in targets],
+    )
+
+
+def table(head: list[str], rows: list[list[str]]) -> list[str]:
+    """A table in Markdown."""
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
-def _text(value: float | None) -> str:
+def text(value: float | None) -> str:
+    """Three digits; - for what is not known."""
     return "-" if value is None else f"{value:.3g}"
 
 
-def _reached(value: float | None) -> str:
+def reached(value: float | None) -> str:
+    """Four digits, or that it was not reached."""
     return "not reached" if value is None else f"{value:.4g}"

@@ -13,6 +13,7 @@ from ground.studies import filter_command
 HELP = "fly an outage from many start phases and summarise error, flag and bound"
 _SCENARIOS = {"paper": "paper_outage", "j2": "j2_outage"}
 _RECORDED = "graceb"  # no seeds to vary: its noise was real
+_TIME_TO_FLAG = "time_to_flag"
 _LINES = (
     ("error passes the limit", "crossed_age_s", "s", 0),
     ("flag", "flag_age_s", "s", 0),
@@ -31,7 +32,7 @@ _LINES = (
 def add_arguments(subparsers: Any) -> None:
     """The parser of `ground study`."""
     parser = subparsers.add_parser("study", help=HELP, description=HELP)
-    names = [*sorted(_SCENARIOS), _RECORDED, *filter_command.STUDIES]
+    names = [*sorted(_SCENARIOS), _RECORDED, _TIME_TO_FLAG, *filter_command.STUDIES]
     parser.add_argument("name", choices=names, metavar="STUDY", help=", ".join(names))
     parser.add_argument("--runs", type=int, metavar="N", help="seeds and start phases (default 20)")
     parser.add_argument("--sigma", type=float, metavar="M", help="position noise of the fixes per axis [m]")
@@ -59,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     if args.name in filter_command.STUDIES:
         return filter_command.run(args)
     filter_command.refuse(args)
-    if args.name == _RECORDED:
-        return _run_recorded(args)
+    if args.name in (_RECORDED, _TIME_TO_FLAG):
+        return _run_given(args)
     from ground.studies.flights import each, pool, progress_bar, usual_jobs
     from ground.studies.outage import as_document, fly_variant, summarise, variants
 
@@ -76,19 +77,21 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run_recorded(args: argparse.Namespace) -> int:
+def _run_given(args: argparse.Namespace) -> int:
+    """Studies whose flights are given: nothing of them is drawn."""
     for option, value in (("--runs", args.runs), ("--sigma", args.sigma)):
         if value is not None:
-            raise OperatorError(f"{option} {value}: the study {args.name} flies one recording; leave {option} out")
-    from ground.studies import graceb
+            raise OperatorError(f"{option} {value}: the flights of study {args.name} are given; leave {option} out")
+    from ground.studies import graceb, time_to_flag
     from ground.studies.flights import each, pool, progress_bar, usual_jobs
 
-    tasks = [graceb.Task(variant, tuple(args.settings)) for variant in graceb.VARIANTS]
+    study: Any = graceb if args.name == _RECORDED else time_to_flag
+    tasks = study.tasks(args.settings)
     jobs = usual_jobs() if args.jobs is None else args.jobs
-    with progress_bar(f"flying {graceb.SCENARIO}", len(tasks)) as advance, pool(min(jobs, len(tasks))) as workers:
-        found = each(workers, graceb.fly, tasks, advance)
-    print(graceb.table(found))
-    _write(args.json, graceb.as_document(found))
+    with progress_bar(f"flying {study.SCENARIO}", len(tasks)) as advance, pool(min(jobs, len(tasks))) as workers:
+        found = each(workers, study.fly, tasks, advance)
+    print(study.table(found))
+    _write(args.json, study.as_document(found))
     return 0
 
 

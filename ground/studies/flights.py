@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -24,6 +23,7 @@ from ground.campaign import flown
 from ground.errors import OperatorError
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
+from ground.workers import serve
 from hil_sim import scenario
 from hil_sim.errors import SimulationError
 from hil_sim.evaluation import evaluate
@@ -114,12 +114,12 @@ def pool(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
         yield None
         return
     context = multiprocessing.get_context("spawn")  # a fork would copy the threads of numba and satkit half alive
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_make_ready) as executor:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_make_ready, initargs=(os.getpid(),)) as executor:
         yield executor
 
 
-def _make_ready() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who waits for the workers, and ends them
+def _make_ready(parent: int) -> None:
+    serve(parent)
     warm_up()  # by a function of this module: a worker imports, and so declares, all kernels on the way here
 
 

@@ -112,6 +112,11 @@ class Task(NamedTuple):
     settings: tuple[str, ...]
 
 
+def tasks(settings: Iterable[str] = ()) -> list[Task]:
+    """All flights of the study."""
+    return [Task(variant, tuple(settings)) for variant in VARIANTS]
+
+
 def fly(task: Task) -> Found:
     """Solve, fly, and fly the gaps of one variant. Raises OperatorError where data or settings do not allow it."""
     prepared = prepare(SCENARIO, (*task.variant.settings, *task.settings), TICK_NS)

@@ -66,6 +66,7 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
     )
     sign.add_argument("--key", metavar="FILE", help="key of the HMAC-SHA256; not signed without")
     sign.add_argument("--out", metavar="FILE", help="table to write; default: in place of TABLE")
+    sign.add_argument("--beside", metavar="SET.toml", help="keep it beside this set, too, whose tables it then is")
 
     verify = actions.add_parser("verify", help="check a table as flight does; exit status 1 for an uncertified one")
     verify.add_argument("file", metavar="TABLE")
@@ -105,9 +106,15 @@ def _build(name: str, out: Path, settings: list[str]) -> int:
     from flightsw.icd.table_file import decode
     from flightsw.icd.table_saturation import saturation
     from ground.tables.build import build_navigation, parse_setting
+    from ground.tables.certified import build_certified
 
-    image = build_navigation(name, dict(parse_setting(text) for text in settings))
+    if settings:
+        image, lacking = build_navigation(name, dict(parse_setting(text) for text in settings)), ""
+    else:
+        image, lacking = build_certified(name)
     _write(out, image)
+    if "not used" in lacking:
+        print(lacking, file=sys.stderr)
     for text in saturation(decode(image).values):
         print(f"{out}: flight REFUSES this table: {text}", file=sys.stderr)
     return 0
@@ -141,7 +148,12 @@ def _sign(args: argparse.Namespace) -> int:
     key = read_key(Path(args.key)) if args.key else None
     stimulus = _read(Path(args.stimulus)) if args.stimulus else b""
     image = sign(read_table(args.file), Path(args.certificate), stimulus, key)
-    return _write(Path(args.out or args.file), image)
+    _write(Path(args.out or args.file), image)
+    if args.beside:
+        from ground.tables.certified import keep_beside
+
+        print(f"{keep_beside(image, Path(args.beside))}: tables of this set carry its certificate from now on")
+    return 0
 
 
 def _verify(args: argparse.Namespace) -> int:

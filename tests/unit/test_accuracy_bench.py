@@ -34,6 +34,7 @@ from ground.accuracy.bench_summary import (
     start_list,
     steady_again_s,
     steady_figures,
+    validation_figures,
 )
 from ground.errors import OperatorError
 
@@ -293,3 +294,20 @@ def test_every_start_is_listed() -> None:
     assert [one["start_s"] for one in listed] == [12_000, 13_000, 14_000, 15_000]
     assert [one["error_m"]["7200"] for one in listed] == [None, 2.0, 3.0, 4.0]
     assert listed[2]["argument_of_latitude_deg"] == 120.0
+
+
+def test_validation_counts_outages_and_the_arcs_that_do_not_overlap() -> None:
+    """GIVEN three outages, 1000 s apart, of errors of 0.2, 0.4 and 0.5 of their bound, and one beyond it between the
+    ages kept WHEN validated THEN worst and quantile are those of the outages, and one arc of them is independent."""
+    plan = case().plan
+    bound = np.full((3, len(plan.curve_s)), 10.0)
+    error = np.zeros((3, len(plan.curve_s), 3))
+    error[:, 5, 1] = [2.0, -4.0, 5.0]
+    error[2, 50:] = np.nan
+    figures = {"outage_error_m": error, "outage_bound_m": bound, "outage_beyond": np.array([0, 1, 0])}
+    found = validation_figures(plan, figures)
+    assert (found["outages"], found["independent_arcs"], found["violated"]) == (3, 1, 1)
+    assert found["worst_error_to_bound"] == 0.5
+    assert found["q95_error_to_bound"] == pytest.approx(0.49)
+    bound[0, 7] = np.nan  # a state without a bound
+    assert validation_figures(plan, figures)["worst_error_to_bound"] is None
