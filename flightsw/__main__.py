@@ -41,6 +41,7 @@ def _run(options: argparse.Namespace) -> int:
             options.table_store,
             options.require_certificate,
             options.shared_clock,
+            options.log_limit,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -59,7 +60,7 @@ def _replay(options: argparse.Namespace) -> int:
             print("flightsw: refused; --force replays all the same", file=sys.stderr)
             return EXIT_REFUSED
         two_way = replay.is_two_way(replay.record_of(options.run_dir))
-        outcome = replay.replay(options.run_dir, options.out or options.run_dir / "replay")
+        outcome = replay.replay(options.run_dir, options.out or options.run_dir / "replay", _remark)
     except (PreflightFailed, replay.ReplayRefused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
         return EXIT_REFUSED
@@ -68,6 +69,16 @@ def _replay(options: argparse.Namespace) -> int:
         print(f"{name:<10} {same if offset is None else f'differs from byte {offset}'}")
     print(f"{outcome.ticks} ticks replayed: {'IDENTICAL' if outcome.identical else 'DIFFERENT'}")
     return 0 if outcome.identical else EXIT_DIFFERENT
+
+
+def _remark(text: str) -> None:
+    print(f"flightsw: {text}", file=sys.stderr)
+
+
+def _megabytes(text: str) -> int:
+    if not text.isdecimal() or not 2 <= int(text) <= 1_000_000:
+        raise argparse.ArgumentTypeError(f"{text}: give whole megabytes from 2 to 1000000")
+    return int(text) << 20
 
 
 def _count(text: str) -> int:
@@ -111,6 +122,13 @@ def _parser() -> argparse.ArgumentParser:
         "--bench", action="store_true", help="take unsigned commands, on loopback only, for clients that cannot sign"
     )
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs, ready to be replayed; none without")
+    run.add_argument(
+        "--log-limit",
+        type=_megabytes,
+        default=2048 << 20,
+        metavar="MB",
+        help="largest size of can.log and of link.tlog, each with its older parts, of which the oldest go (2048)",
+    )
     run.add_argument("--ticks", type=_count, metavar="N", help="stop after so many ticks")
     run.add_argument("--checkpoint", type=Path, metavar="FILE", help="keep the state here for a warm restart")
     run.add_argument(

@@ -7,11 +7,13 @@ asked again in every slack; meanwhile the rings fill, and what falls out of them
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
+
+from flightsw.rotating_file import RotatingFile
+
+CAN_LOG, LINK_LOG = "can.log", "link.tlog"
 
 # Identifiers carry these flags as in Linux SocketCAN (can.h).
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
@@ -75,13 +77,13 @@ def candump_line(unix_ns: int, can_id: int, received: bool, payload: bytes) -> s
 class _Log:
     """A ring and the file its entries end in, in order. Nothing is lost to a failed write but what the ring drops."""
 
-    __slots__ = ("_fd", "_render", "_rest", "ring")
+    __slots__ = ("_file", "_render", "_rest", "ring")
 
-    def __init__(self, ring: Ring, path: Path | None, render: Callable[[Ring, int], bytes]) -> None:
+    def __init__(self, ring: Ring, file: RotatingFile | None, render: Callable[[Ring, int], bytes]) -> None:
         self.ring = ring
         self._render = render
         self._rest = b""  # rendered, not yet taken by the disk
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644) if path else -1
+        self._file = file
 
     def write_slice(self) -> bool:
         """Write a bounded part of what waits; False if the disk took nothing of it."""
@@ -89,24 +91,25 @@ class _Log:
             if not self.ring.count:
                 return True
             self._rest = self._render(self.ring, min(self.ring.count, _SLICE))
-        if self._fd < 0:
+        if self._file is None:
             self._rest = b""
             return True
         try:
-            written = os.write(self._fd, self._rest)
+            written = self._file.write(self._rest)
         except OSError:
             return False
         self._rest = self._rest[written:]
+        if not self._rest:
+            self._file.turn()
         return written > 0
 
     def close(self) -> None:
         while (self._rest or self.ring.count) and self.write_slice():
             pass
         self.ring.dropped += self.ring.count + (1 if self._rest else 0)
-        if self._fd >= 0:
-            with suppress(OSError):
-                os.close(self._fd)
-        self._fd = -1
+        if self._file is not None:
+            self._file.close()
+        self._file = None
 
 
 def _render_can(ring: Ring, count: int) -> bytes:
@@ -126,15 +129,19 @@ def _render_link(ring: Ring, count: int) -> bytes:
 
 
 class Journal:
-    """Both logs of one run. Without a folder it keeps nothing, at the same cost in the tick."""
+    """Both logs of one run. Without a folder it keeps nothing, at the same cost in the tick.
+
+    limit_bytes: of each log; the oldest part of it goes before it is larger. None: no limit.
+    """
 
     __slots__ = ("_can", "_can_log", "_link", "_link_log")
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, limit_bytes: int | None = None) -> None:
         self._can = Ring(_CAN_ENTRY, _CAN_SLOTS)
         self._link = Ring(_LINK_ENTRY, _LINK_SLOTS)
-        self._can_log = _Log(self._can, folder / "can.log" if folder else None, _render_can)
-        self._link_log = _Log(self._link, folder / "link.tlog" if folder else None, _render_link)
+        self._can_log = _Log(self._can, RotatingFile(folder / CAN_LOG, limit_bytes) if folder else None, _render_can)
+        link = RotatingFile(folder / LINK_LOG, limit_bytes) if folder else None
+        self._link_log = _Log(self._link, link, _render_link)
 
     @property
     def dropped(self) -> int:

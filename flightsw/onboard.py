@@ -115,8 +115,12 @@ def open_logs(
     resume: Resume | None = None,
     allow_saturating: bool = False,
     two_way: bool = False,
+    log_limit_bytes: int | None = None,
 ) -> Journal:
-    """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs."""
+    """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs.
+
+    log_limit_bytes: of can.log and of link.tlog, each with its older parts; None: no limit.
+    """
     if out is None:
         return Journal(None)
     try:
@@ -132,7 +136,7 @@ def open_logs(
         flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
         record = {"lockstep": False, "two_way_link": two_way, **flight}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        return Journal(out)
+        return Journal(out, log_limit_bytes)
     except OSError as error:
         raise Refused(f"--out {out}: cannot be written ({error.strerror}); name another folder") from error
 
@@ -155,6 +159,7 @@ def run(
     table_store: Path | None = None,
     require_certificate: bool = False,
     shared_clock: Path | None = None,
+    log_limit_bytes: int | None = None,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status, RESTART where the ground asked for one.
 
@@ -180,7 +185,15 @@ def run(
         port = open_port(can_bus)
         try:
             journal = open_logs(
-                out, tables, navigation, orientation, forces, resumed, allow_saturating, ground is not None
+                out,
+                tables,
+                navigation,
+                orientation,
+                forces,
+                resumed,
+                allow_saturating,
+                ground is not None,
+                log_limit_bytes,
             )
         except Refused:
             port.close()

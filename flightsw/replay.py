@@ -7,10 +7,7 @@ heartbeat, which also carries the counter the tick ran at and the slips counted 
 from __future__ import annotations
 
 import json
-import re
-import struct
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,108 +17,23 @@ from flightsw import app
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, Resume
 from flightsw.clock import LockstepClock
-from flightsw.icd.can_frames import FLIGHT_HEARTBEAT
+from flightsw.icd.log_parts import lacks_beginning
 from flightsw.icd.table_file import TableImage
-from flightsw.journal import BUS_LOST, BUS_REOPENED, ERROR, EXTENDED, REMOTE, TABLE_SWAPPED, Journal
+from flightsw.journal import CAN_LOG, ERROR, EXTENDED, LINK_LOG, REMOTE, Journal
+from flightsw.journal_reading import (
+    Extent,
+    ReplayRefused,
+    Tick,
+    first_difference,
+    link_extent,
+    read_orders,
+    read_ticks,
+)
 from flightsw.link.access import Access
-from flightsw.link.mavlink_out import SYSTEM_ID, Nowhere
+from flightsw.link.mavlink_out import Nowhere
 from flightsw.link_port import LinkPort
 from flightsw.main_loop import MainLoop
 from flightsw.provenance import differences, identity
-
-_HEARTBEAT = struct.Struct(FLIGHT_HEARTBEAT.struct_format)
-_LINE = re.compile(r"\((\d+)\.(\d{6})\) \S+ ([0-9A-F]{3}|[0-9A-F]{8})#(R|#1|)((?:[0-9A-F]{2})*) ([RT])")
-
-
-class ReplayRefused(ValueError):
-    """The folder cannot be replayed; the text says why."""
-
-
-@dataclass
-class Tick:
-    """One tick of a journal: what it ran at, the frames it drained, and how its bus fared.
-
-    `reopened`: the bus was brought back in the slack before this tick; after the last one such a tick has no number.
-    A failure is noted by where it struck: `lost_receiving`, after the last of the frames, or `lost_sending`, the index
-    of the frame that could not be sent.
-    """
-
-    frames: list[tuple[int, bytes]] = field(default_factory=list)
-    number: int = -1
-    counter_ns: int = 0
-    unix_ns: int = 0
-    slips: int = 0
-    reopened: bool = False
-    lost_receiving: bool = False
-    lost_sending: int | None = None
-
-
-def read_ticks(path: Path) -> Iterator[Tick]:
-    """Ticks of a can.log, in order; ReplayRefused names the first line that is not of flight's making.
-
-    A tick's heartbeat is the last frame it sends; a note that this very frame could not be sent follows it.
-    """
-    tick, sent, expected = Tick(), 0, 0
-    ended: Tick | None = None
-    with path.open(encoding="ascii", errors="replace") as lines:
-        for line_number, line in enumerate(lines, 1):
-            unix_ns, can_id, received, payload = _parse(path, line_number, line)
-            lost = not received and can_id == BUS_LOST
-            if ended is not None:
-                if lost and unix_ns == ended.unix_ns:
-                    ended.lost_sending = _FRAMES_OF_A_TICK - 1
-                    continue
-                yield ended
-                ended = None
-            if received:
-                tick.frames.append((can_id, payload))
-            elif lost and sent:
-                tick.lost_sending = sent - 1
-            elif lost:
-                tick.lost_receiving = True
-            elif can_id == TABLE_SWAPPED:
-                raise ReplayRefused(
-                    f"{path}: line {line_number}: another navigation table was activated in flight; such a flight can "
-                    "be repeated up to here only"
-                )
-            elif can_id == BUS_REOPENED:
-                tick.reopened = True
-            elif can_id == FLIGHT_HEARTBEAT.frame_id:
-                if len(payload) != FLIGHT_HEARTBEAT.length:
-                    raise ReplayRefused(f"{path}: line {line_number}: a heartbeat of {len(payload)} bytes")
-                tick.number, tick.counter_ns, tick.slips = _HEARTBEAT.unpack(payload)[:3]
-                if tick.number != expected:
-                    raise ReplayRefused(
-                        f"{path}: line {line_number}: tick {tick.number} where {expected} should be: the journal lost "
-                        "entries (LEONAV_COUNTERS.journal_dropped), such a flight cannot be repeated"
-                    )
-                tick.unix_ns = unix_ns
-                ended, tick, sent, expected = tick, Tick(), 0, expected + 1
-            else:
-                sent += 1
-    if ended is not None:
-        yield ended
-    if tick.reopened:  # in the slack of the last tick
-        yield tick
-
-
-_FRAMES_OF_A_TICK = 3  # NAV_STATE, INTEGRITY, FLIGHT_HEARTBEAT
-
-
-def _parse(path: Path, line_number: int, line: str) -> tuple[int, int, bool, bytes]:
-    match = _LINE.fullmatch(line.rstrip("\n"))
-    if match is None:
-        raise ReplayRefused(
-            f"{path}: line {line_number} is not candump text with directions (candump -L -x) as flight writes it"
-        )
-    seconds, micros, name, kind, data, direction = match.groups()
-    can_id = int(name, 16)
-    if kind == "R":
-        can_id |= REMOTE
-    if len(name) == 8 and not (kind == "" and can_id & ERROR):
-        can_id |= EXTENDED
-    unix_ns = int(seconds) * 1_000_000_000 + int(micros) * 1000
-    return unix_ns, can_id, direction == "R", bytes.fromhex(data)
 
 
 class _JournalBus:
@@ -193,19 +105,6 @@ def is_two_way(run: dict[str, Any]) -> bool:
     return run.get("two_way_link") is True
 
 
-def read_orders(path: Path) -> dict[int, list[bytes]]:
-    """What the ground sent and flight took, by the log time [us] of the tick that took it: frames not of flight's."""
-    data, at = path.read_bytes(), 0
-    found: dict[int, list[bytes]] = {}
-    while at + 8 + 12 <= len(data):
-        length = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
-        frame = data[at + 8 : at + 8 + length]
-        if frame[5] != SYSTEM_ID:
-            found.setdefault(int.from_bytes(data[at : at + 8], "big"), []).append(frame)
-        at += 8 + length
-    return found
-
-
 class _OrdersOfTheRun:
     """Stands where the uplink was: gives every tick the frames it took."""
 
@@ -260,9 +159,12 @@ def _resume(run_dir: Path, run: dict[str, Any], navigation: TableImage) -> Resum
         raise ReplayRefused(f"{run_dir / 'run.json'}: max_age_s of the checkpoint is no number") from None
 
 
-def replay(run_dir: Path, out_dir: Path) -> Outcome:
-    """Fly the journal of `run_dir` again, writing can.log and link.tlog into `out_dir`, and compare the two."""
-    for name in ("can.log", "link.tlog"):
+def replay(run_dir: Path, out_dir: Path, tell: Callable[[str], None] = lambda text: None) -> Outcome:
+    """Fly the journal of `run_dir` again, writing can.log and link.tlog into `out_dir`, and compare the two.
+
+    Logs that were cut off, as by a kill, are flown and compared as far as they are whole. tell: is told so.
+    """
+    for name in (CAN_LOG, LINK_LOG):
         if not (run_dir / name).is_file():
             raise ReplayRefused(f"{run_dir / name}: missing; give the folder that a run left")
     run = record_of(run_dir)
@@ -279,8 +181,15 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     bus = _JournalBus()
     loop = None
     two_way = is_two_way(run)
+    no_link_beginning = lacks_beginning(run_dir / LINK_LOG)
+    if no_link_beginning and two_way:
+        raise ReplayRefused(
+            f"{run_dir / LINK_LOG}: its beginning was dropped to keep the limit of its size, and with it what the "
+            "ground ordered; give a run a larger --log-limit"
+        )
+    can_log, link_log = Extent(), link_extent(run_dir / LINK_LOG)
     try:
-        for tick in read_ticks(run_dir / "can.log"):
+        for tick in read_ticks(run_dir / CAN_LOG, can_log):
             if loop is None:
                 clock = LockstepClock(tick.counter_ns)
                 port = CanPort(bus.open)  # type: ignore[arg-type]
@@ -288,7 +197,7 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
                     navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, None, forces, resume
                 )
                 if two_way:
-                    _OrdersOfTheRun(loop, read_orders(run_dir / "link.tlog"))
+                    _OrdersOfTheRun(loop, read_orders(run_dir / LINK_LOG))
             else:
                 # the slack of the tick before, in which the bus came back or did not
                 bus.may_open = tick.reopened
@@ -303,17 +212,19 @@ def replay(run_dir: Path, out_dir: Path) -> Outcome:
     finally:
         journal.close()
     if loop is None:
-        raise ReplayRefused(f"{run_dir / 'can.log'}: holds no tick")
+        raise ReplayRefused(f"{run_dir / CAN_LOG}: holds no whole tick")
+    cut = [extent.cut for extent in (can_log, link_log) if extent.cut]
+    for words in cut:
+        tell(f"{words}: the run was cut off there; replayed and compared up to tick {loop.tick - 1}")
+    killed = bool(cut) or run.get("lockstep") is False  # in real time one log may be a tick ahead of the other
+    if killed and not (cut or two_way or no_link_beginning) and (out_dir / LINK_LOG).stat().st_size != link_log.length:
+        tell(f"{run_dir / LINK_LOG} ends at another tick than {CAN_LOG}: flight was killed; compared as far as both go")
+    if no_link_beginning:
+        tell(f"{run_dir / LINK_LOG}: not compared, its beginning was dropped to keep the limit of its size")
     return Outcome(
         loop.tick,
-        first_difference(run_dir / "can.log", out_dir / "can.log"),
-        None if two_way else first_difference(run_dir / "link.tlog", out_dir / "link.tlog"),
+        first_difference(run_dir / CAN_LOG, out_dir / CAN_LOG, can_log.length if cut else None),
+        None
+        if two_way or no_link_beginning
+        else first_difference(run_dir / LINK_LOG, out_dir / LINK_LOG, link_log.length if killed else None),
     )
-
-
-def first_difference(first: Path, second: Path) -> int | None:
-    """Offset of the first byte in which two files differ, or None if they are the same."""
-    a, b = first.read_bytes(), second.read_bytes()
-    if a == b:
-        return None
-    return next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))

@@ -10,6 +10,9 @@ from typing import Any
 # A duration falls into bin 8 * octave + eighth of the octave: 12 % wide, from 1 ns to 18 minutes.
 _EIGHTHS = 3
 HISTOGRAM_BINS = 41 << _EIGHTHS
+# what is told of it: elements of LEONAV_TIMING.histogram, the first of which ends at 2^10 ns
+TIMING_OCTAVES = 20
+_FIRST_OCTAVE = 10
 
 
 def bin_of(duration_ns: int) -> int:
@@ -67,6 +70,14 @@ class Member:
                 return min(upper_edge_ns(index), float(self.longest_ns))
         return float("nan")
 
+    def octaves(self) -> list[int]:
+        """Runs by duration, TIMING_OCTAVES of them: below 2^10 ns, then each octave, the last without an end."""
+        counts = [0] * TIMING_OCTAVES
+        for octave in range(HISTOGRAM_BINS >> _EIGHTHS):
+            place = min(max(octave - _FIRST_OCTAVE, 0), TIMING_OCTAVES - 1)
+            counts[place] += sum(self.histogram[octave << _EIGHTHS : (octave + 1) << _EIGHTHS])
+        return counts
+
     def summary(self) -> dict[str, Any]:
         """Accounts as plain numbers, microseconds."""
         mean = self.total_ns / self.runs / 1000.0 if self.runs else None
@@ -95,6 +106,10 @@ class Schedule:
         self._slack = slack
         self.whole = Member("tick", 1, tick_budget_us, lambda: None)
 
+    def everyone(self) -> tuple[Member, ...]:
+        """The whole tick, its members, the slack."""
+        return (self.whole, *self.members, *self._slack)
+
     def add_slack(self, member: Member) -> None:
         """One more slack job, after those there are."""
         self._slack.append(member)
@@ -121,4 +136,4 @@ class Schedule:
 
     def summary(self) -> dict[str, Any]:
         """Accounts of the whole tick and of every member, by name."""
-        return {member.name: member.summary() for member in [self.whole, *self.members, *self._slack]}
+        return {member.name: member.summary() for member in self.everyone()}

@@ -24,8 +24,11 @@ ROOMS: dict[str, tuple[str, str]] = {
     "stimulus": ("ground.campaign.stimulus_command", "make what flight replays before it trusts a certified table"),
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
+    "status": ("ground.console.status_command", "say once whether the navigation may be trusted, for scripts"),
     "link": ("ground.console.link_command", "make a key with which flight and console sign what they send"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
+    "compare": ("ground.reports.compare_command", "put the figures of two runs beside each other"),
+    "mcap": ("ground.console.mcap_command", "write a run's telemetry as MCAP, for Foxglove and other viewers"),
     "study": ("ground.studies.command", "fly an outage from many start phases and summarise error, flag and bound"),
     "accuracy": ("ground.accuracy.command", "measure the flight models against real orbits, and what they cost"),
     "tune": ("ground.tuning.command", "make a table set from flown errors, with the evidence"),
@@ -49,6 +52,7 @@ _EXTRAS = {
     "msgspec": "sim",
     "distributed": "cluster",
     "georinex": "rinex",
+    "mcap": "mcap",
 }
 
 

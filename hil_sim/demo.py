@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,6 +22,7 @@ from pathlib import Path
 from hil_sim import sil
 from hil_sim.live import SharedClock
 from hil_sim.scenario import LoadedScenario
+from hil_sim.tether import tethered
 
 RESTART = 3  # exit status of a flight that the ground has ordered to start again
 _START_AHEAD_NS = 500_000_000
@@ -52,6 +54,7 @@ class Process:
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,  # ctrl-C is for the console and for us
+            preexec_fn=tethered(signal.SIGKILL),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -97,6 +100,8 @@ def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: 
     for name in ("hub", "world", "flight"):
         (out / f"{name}.log").unlink(missing_ok=True)
     (out / "clock.json").unlink(missing_ok=True)
+    for again in out.glob("restart_*"):
+        shutil.rmtree(again, ignore_errors=True)
     sil.build_tables(loaded, out / "tables")
     key = out / "link.key"
     key.unlink(missing_ok=True)
@@ -152,7 +157,9 @@ def _start(
     counter_ns = int(processes["world"].wait_for("world: ready"))
     SharedClock(time.monotonic_ns() + _START_AHEAD_NS, counter_ns, speed).write(out / "clock.json")
     arguments = ["ground", "console", "--udp", f"127.0.0.1:{port}", "--key", str(key), *(["--plain"] if plain else [])]
-    return subprocess.Popen([sys.executable, "-m", *arguments], start_new_session=False)
+    # SIGTERM: it gives the terminal back as it found it
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.Popen(command, start_new_session=False, preexec_fn=tethered(signal.SIGTERM))
 
 
 def _flight(out: Path, bus: str, port: int, key: Path) -> list[str]:
@@ -170,7 +177,7 @@ def _free_port() -> int:
 
 
 def _watch(processes: dict[str, Process], console: subprocess.Popen[bytes], out: Path, key: Path) -> int:
-    bus_and_port = processes["flight"].popen.args
+    restarts = 0
     while True:
         time.sleep(_POLL_S)
         if console.poll() is not None:
@@ -180,12 +187,20 @@ def _watch(processes: dict[str, Process], console: subprocess.Popen[bytes], out:
             if status is None:
                 continue
             if name == "flight" and status == RESTART:
-                assert isinstance(bus_and_port, list)
-                processes[name] = Process(name, [str(word) for word in bus_and_port[3:]], out)
+                restarts += 1
+                assert isinstance(process.popen.args, list)
+                words = [str(word) for word in process.popen.args[3:]]
+                processes[name] = Process(name, with_logs_in(words, out / f"restart_{restarts}"), out)
                 continue
             if name == "world" and status == 0:
                 raise Ended("the scenario is over", 0)
             raise Ended(process.reason(), 1)
+
+
+def with_logs_in(words: Sequence[str], folder: Path) -> list[str]:
+    """A flight's arguments with another folder for its logs: those of before a restart are kept."""
+    place = list(words).index("--out") + 1
+    return [*words[:place], str(folder), *words[place + 1 :]]
 
 
 def _end_console(console: subprocess.Popen[bytes] | None) -> None:

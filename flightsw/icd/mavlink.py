@@ -1613,6 +1613,7 @@ MAVLINK_MSG_ID_LEONAV_ALERT = 61405
 MAVLINK_MSG_ID_LEONAV_COVARIANCE = 61406
 MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG = 61407
 MAVLINK_MSG_ID_LEONAV_LINK = 61408
+MAVLINK_MSG_ID_LEONAV_TIMING = 61409
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -2999,6 +3000,58 @@ class MAVLink_leonav_link_message(MAVLink_message):
 setattr(MAVLink_leonav_link_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_timing_message(MAVLink_message):
+    """
+    How long one member of flight's tick or slack takes, since start;
+    members take turns. Sent where the ground may answer.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_TIMING
+    msgname = "LEONAV_TIMING"
+    fieldnames = ["t_gps_ns", "runs", "over_budget", "slips", "budget_us", "p50_us", "p99_us", "p999_us", "longest_us", "histogram", "name", "index", "count"]
+    ordered_fieldnames = ["t_gps_ns", "runs", "over_budget", "slips", "budget_us", "p50_us", "p99_us", "p999_us", "longest_us", "histogram", "name", "index", "count"]
+    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "float", "uint32_t", "char", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "budget_us": "us", "p50_us": "us", "p99_us": "us", "p999_us": "us", "longest_us": "us"}
+    native_format = bytearray(b"<qIIIfffffIcBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 20, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 20, 16, 0, 0]
+    crc_extra = 56
+    unpacker = struct.Struct("<qIIIfffff20I16sBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, runs: int, over_budget: int, slips: int, budget_us: float, p50_us: float, p99_us: float, p999_us: float, longest_us: float, histogram: Sequence[int], name: bytes, index: int, count: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_timing_message.id, MAVLink_leonav_timing_message.msgname)
+        self._fieldnames = MAVLink_leonav_timing_message.fieldnames
+        self._instance_field = MAVLink_leonav_timing_message.instance_field
+        self._instance_offset = MAVLink_leonav_timing_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.runs = runs
+        self.over_budget = over_budget
+        self.slips = slips
+        self.budget_us = budget_us
+        self.p50_us = p50_us
+        self.p99_us = p99_us
+        self.p999_us = p999_us
+        self.longest_us = longest_us
+        self.histogram = histogram
+        self._name_raw = name
+        self.name = name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.index = index
+        self.count = count
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.runs, self.over_budget, self.slips, self.budget_us, self.p50_us, self.p99_us, self.p999_us, self.longest_us, self.histogram[0], self.histogram[1], self.histogram[2], self.histogram[3], self.histogram[4], self.histogram[5], self.histogram[6], self.histogram[7], self.histogram[8], self.histogram[9], self.histogram[10], self.histogram[11], self.histogram[12], self.histogram[13], self.histogram[14], self.histogram[15], self.histogram[16], self.histogram[17], self.histogram[18], self.histogram[19], self._name_raw, self.index, self.count), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_timing_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3029,6 +3082,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_COVARIANCE: MAVLink_leonav_covariance_message,
     MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG: MAVLink_leonav_time_to_flag_message,
     MAVLINK_MSG_ID_LEONAV_LINK: MAVLink_leonav_link_message,
+    MAVLINK_MSG_ID_LEONAV_TIMING: MAVLink_leonav_timing_message,
 }
 
 
@@ -4512,3 +4566,47 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_link_encode(event_sequence, accepted, lost, refused, alerts_open, bench, armed, table_staged), force_mavlink1=force_mavlink1)
+
+    def leonav_timing_encode(self, t_gps_ns: int, runs: int, over_budget: int, slips: int, budget_us: float, p50_us: float, p99_us: float, p999_us: float, longest_us: float, histogram: Sequence[int], name: bytes, index: int, count: int) -> MAVLink_leonav_timing_message:
+        """
+        How long one member of flight's tick or slack takes, since start;
+        members take turns. Sent where the ground may answer.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        runs                      : Times that it ran. (type:uint32_t)
+        over_budget               : Runs that took longer than the budget. (type:uint32_t)
+        slips                     : Ticks that began late. (type:uint32_t)
+        budget_us                 : What a run may take. [us] (type:float)
+        p50_us                    : Half of the runs took no longer. [us] (type:float)
+        p99_us                    : 99 % of the runs took no longer. [us] (type:float)
+        p999_us                   : 99.9 % of the runs took no longer. [us] (type:float)
+        longest_us                : The longest run. [us] (type:float)
+        histogram                 : Runs by duration: element 0 below 2^10 ns, element i from 2^(i+9) to 2^(i+10) ns, element 19 all longer ones. (type:uint32_t)
+        name                      : The member; tick: all of a tick. (type:char)
+        index                     : Its place, from 0. (type:uint8_t)
+        count                     : Members that there are. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_timing_message(t_gps_ns, runs, over_budget, slips, budget_us, p50_us, p99_us, p999_us, longest_us, histogram, name, index, count)
+
+    def leonav_timing_send(self, t_gps_ns: int, runs: int, over_budget: int, slips: int, budget_us: float, p50_us: float, p99_us: float, p999_us: float, longest_us: float, histogram: Sequence[int], name: bytes, index: int, count: int, force_mavlink1: bool = False) -> None:
+        """
+        How long one member of flight's tick or slack takes, since start;
+        members take turns. Sent where the ground may answer.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        runs                      : Times that it ran. (type:uint32_t)
+        over_budget               : Runs that took longer than the budget. (type:uint32_t)
+        slips                     : Ticks that began late. (type:uint32_t)
+        budget_us                 : What a run may take. [us] (type:float)
+        p50_us                    : Half of the runs took no longer. [us] (type:float)
+        p99_us                    : 99 % of the runs took no longer. [us] (type:float)
+        p999_us                   : 99.9 % of the runs took no longer. [us] (type:float)
+        longest_us                : The longest run. [us] (type:float)
+        histogram                 : Runs by duration: element 0 below 2^10 ns, element i from 2^(i+9) to 2^(i+10) ns, element 19 all longer ones. (type:uint32_t)
+        name                      : The member; tick: all of a tick. (type:char)
+        index                     : Its place, from 0. (type:uint8_t)
+        count                     : Members that there are. (type:uint8_t)
+
+        """
+        self.send(self.leonav_timing_encode(t_gps_ns, runs, over_budget, slips, budget_us, p50_us, p99_us, p999_us, longest_us, histogram, name, index, count), force_mavlink1=force_mavlink1)

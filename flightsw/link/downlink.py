@@ -13,6 +13,7 @@ import numpy as np
 
 from flightsw.icd import mavlink as m
 from flightsw.link.telemetry import Telemetry
+from flightsw.schedule import Schedule
 
 NEVER = 0
 ALWAYS_ON = (m.MAVLINK_MSG_ID_HEARTBEAT, m.MAVLINK_MSG_ID_LEONAV_INTEGRITY)
@@ -47,6 +48,7 @@ class Told(Protocol):
     receiver: Any
     journal: Any
     port: Any
+    schedule: Schedule
 
     def fix(self) -> tuple[float, ...]:
         """The output record of the step that took the last fix."""
@@ -78,13 +80,14 @@ class _Stream:
 class Downlink:
     """The streams. `rates`: ticks between messages of the groups nav, status, counters, table."""
 
-    __slots__ = ("_by_id", "_kind", "_period_ns", "_streams", "_telemetry", "_told")
+    __slots__ = ("_by_id", "_kind", "_member", "_period_ns", "_streams", "_telemetry", "_told")
 
     def __init__(self, telemetry: Telemetry, told: Told, rates: dict[str, int], kind: int, period_ns: int) -> None:
         self._telemetry = telemetry
         self._told = told
         self._kind = kind
         self._period_ns = period_ns
+        self._member = 0  # whose timing is told next
         senders: tuple[tuple[int, str, Callable[[], None]], ...] = (
             (m.MAVLINK_MSG_ID_LEONAV_NAV_STATE, "nav", self._nav_state),
             (m.MAVLINK_MSG_ID_LEONAV_INTEGRITY, "nav", self._integrity),
@@ -191,6 +194,15 @@ class Downlink:
     def table_status(self) -> None:
         """LEONAV_TABLE_STATUS of the table in force."""
         self._telemetry.table_status(self._kind)
+
+    def timing(self) -> None:
+        """LEONAV_TIMING of one member; they take turns. Never the same twice, so no part of what a replay compares."""
+        told = self._told
+        members = told.schedule.everyone()
+        index = self._member % len(members)
+        self._member = index + 1
+        t_gps_ns = int(told.out[self._telemetry.at["t_gps_ns"]])
+        self._telemetry.timing(t_gps_ns, (index, len(members)), members[index], told.slips)
 
     def _time_to_flag(self) -> None:
         self._telemetry.time_to_flag(*self._told.prediction)

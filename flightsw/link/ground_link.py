@@ -127,6 +127,7 @@ class GroundLink:
         ):
             self.uplink.take(number, handler, order)
         downlink.add(m.MAVLINK_MSG_ID_LEONAV_LINK, "status", self._send_link)
+        downlink.add(m.MAVLINK_MSG_ID_LEONAV_TIMING, "status", downlink.timing)
         downlink.add(m.MAVLINK_MSG_ID_CURRENT_MODE, "status", self.commands.send_current_mode)
 
     # -- in the tick

@@ -12,6 +12,7 @@ from flightsw.icd.enums import FixType, FlagState, Mode
 from flightsw.kernels.geodetic import geodetic
 from flightsw.link.mavlink_out import MavlinkOut
 from flightsw.records_io import RecordReader
+from flightsw.schedule import Member
 
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _UNKNOWN = 0xFFFF
@@ -43,9 +44,9 @@ def _u32(value: float) -> int:
 
 
 class Telemetry:
-    """Flight's messages. `downlink` calls each method at its rate."""
+    """Flight's messages. `downlink` calls each method at its rate. `at`: places in the output record."""
 
-    __slots__ = ("_at", "_geodetic", "_geodetic_in", "_out", "_table")
+    __slots__ = ("_geodetic", "_geodetic_in", "_out", "_table", "at")
 
     def __init__(
         self,
@@ -57,7 +58,7 @@ class Telemetry:
         certificate: int,
     ) -> None:
         self._out = out
-        self._at = reader.at
+        self.at = reader.at
         self._table = (table_crc32, schema_hash, set_name, certificate)
         self._geodetic_in = np.zeros(3)
         self._geodetic = np.zeros(3)
@@ -80,7 +81,7 @@ class Telemetry:
 
     def nav_state(self, out: tuple[float, ...], validity: int) -> None:
         """LEONAV_NAV_STATE."""
-        at = self._at
+        at = self.at
         r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
         self._out.mav.leonav_nav_state_send(
             int(out[at["t_gps_ns"]]),
@@ -93,7 +94,7 @@ class Telemetry:
 
     def integrity(self, out: tuple[float, ...], alerts: int, verdict: int) -> None:
         """LEONAV_INTEGRITY."""
-        at = self._at
+        at = self.at
         crc32, _schema, _name, certificate = self._table
         self._out.mav.leonav_integrity_send(
             int(out[at["t_gps_ns"]]),
@@ -117,7 +118,7 @@ class Telemetry:
 
     def heartbeat(self, out: tuple[float, ...], armed: bool) -> None:
         """HEARTBEAT: armed is the failure flag."""
-        at = self._at
+        at = self.at
         mode, flag = int(out[at["mode"]]), int(out[at["flag"]])
         healthy = flag == FlagState.CLEAR or mode == Mode.INIT
         self._out.mav.heartbeat_send(
@@ -133,7 +134,7 @@ class Telemetry:
 
         errors_comm: everything that was refused; errors_count1: 1 while the sensor bus is off.
         """
-        at = self._at
+        at = self.at
         initialised = int(out[at["mode"]]) != Mode.INIT
         correcting = initialised and out[at["outage_age_s"]] == 0.0
         usable = initialised and int(out[at["flag"]]) == FlagState.CLEAR
@@ -148,7 +149,7 @@ class Telemetry:
 
     def gps_raw(self, fix: tuple[float, ...], inputs: np.ndarray, unix_ns: int) -> None:
         """GPS_RAW_INT of the last fix. `inputs`: what the step that took it was told, one record."""
-        if fix[self._at["fix_gps_ns"]] == 0:
+        if fix[self.at["fix_gps_ns"]] == 0:
             return
         mav = self._out.mav
         self._geodetic_in[:] = inputs["fix_r_itrf_m"][0]
@@ -175,7 +176,7 @@ class Telemetry:
 
     def estimator(self, fix: tuple[float, ...], unix_ns: int) -> None:
         """ESTIMATOR_STATUS. `fix`: the output record of the step that took the last fix."""
-        at, mav = self._at, self._out.mav
+        at, mav = self.at, self._out.mav
         if fix[at["fix_gps_ns"]] == 0:
             return
         ratio = math.sqrt(fix[at["nis"]] / fix[at["gate"]]) if fix[at["gate"]] > 0.0 else 0.0
@@ -196,7 +197,7 @@ class Telemetry:
 
     def innovation(self, fix: tuple[float, ...]) -> None:
         """LEONAV_INNOVATION of the last fix."""
-        at, mav = self._at, self._out.mav
+        at, mav = self.at, self._out.mav
         if fix[at["fix_gps_ns"]] == 0:
             return
         innovation, sigma = at["innovation"], at["innovation_sigma"]
@@ -221,7 +222,7 @@ class Telemetry:
 
     def covariance(self, out: tuple[float, ...]) -> None:
         """LEONAV_COVARIANCE: with it the ground has the NEES of any state it knows the truth of."""
-        at = self._at
+        at = self.at
         first = at["covariance"]
         self._out.mav.leonav_covariance_send(
             int(out[at["t_gps_ns"]]), [out[first + place] for place in _TRIANGLE], out[at["sigma_time_s"]]
@@ -248,6 +249,24 @@ class Telemetry:
         """LEONAV_TABLE_STATUS of the navigation table in force."""
         crc32, schema_hash, set_name, certificate = self._table
         self._out.mav.leonav_table_status_send(crc32, schema_hash, set_name, kind, certificate)
+
+    def timing(self, t_gps_ns: int, place: tuple[int, int], member: Member, slips: int) -> None:
+        """LEONAV_TIMING. place: index of the member, and how many there are."""
+        p50_us, p99_us, p999_us = (member.percentile_ns(percent) / 1e3 for percent in (50.0, 99.0, 99.9))
+        self._out.mav.leonav_timing_send(
+            t_gps_ns,
+            _u32(member.runs),
+            _u32(member.over_budget),
+            _u32(slips),
+            member.budget_us,
+            p50_us,
+            p99_us,
+            p999_us,
+            member.longest_ns / 1e3,
+            [_u32(count) for count in member.octaves()],
+            member.name.encode("ascii")[:16],
+            *place,
+        )
 
     def link(
         self,

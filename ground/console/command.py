@@ -36,7 +36,8 @@ def run(args: argparse.Namespace) -> int:
     if args.key is not None and args.tlog is not None:
         raise OperatorError("--key: a log is not verified; leave it out with --tlog")
     from ground.console.authentication import Verifier, read_key
-    from ground.console.link import TlogLink, UdpLink
+    from ground.console.link import UdpLink
+    from ground.console.tlog import TlogLink
 
     link: TlogLink | UdpLink
     if args.tlog is not None:

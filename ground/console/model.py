@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from flightsw.icd.alerts import ALERTS, Severity
 from flightsw.icd.enums import Mode, RejectCause
 from ground.console.alarms import Alarm, fold_alarm, fold_late
+from ground.console.axes import sigma_rtn_m
 from ground.console.text import safe
 
 FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
@@ -79,6 +80,8 @@ class NavState(NamedTuple):
     radius_m: float
     speed_mps: float
     validity: int
+    r_gcrf_m: tuple[float, ...] = ()
+    v_gcrf_mps: tuple[float, ...] = ()
 
 
 class Counters(NamedTuple):
@@ -126,6 +129,23 @@ class LinkStatus(NamedTuple):
     table_staged: int
 
 
+class Timing(NamedTuple):
+    """LEONAV_TIMING of one member of flight's tick or slack; microseconds."""
+
+    place: int
+    members: int
+    name: str
+    runs: int
+    over_budget: int
+    slips: int
+    budget_us: float
+    p50_us: float
+    p99_us: float
+    p999_us: float
+    longest_us: float
+    histogram: tuple[int, ...]
+
+
 class Table(NamedTuple):
     """LEONAV_TABLE_STATUS of the navigation table."""
 
@@ -154,6 +174,9 @@ class State:
     table: Table | None = None
     link: LinkStatus | None = None
     link_s: float | None = None
+    timing: tuple[tuple[Timing, float], ...] = ()  # by place, each with the time it was heard
+    sigma_rtn_m: tuple[float, float, float] | None = None  # 1-sigma, radial, along-track, cross-track
+    sigma_rtn_s: float | None = None
     alarms: tuple[Alarm, ...] = ()
     satellites: int | None = None
     satellites_s: float | None = None
@@ -224,7 +247,8 @@ def _worse(earlier: Sample, later: Sample) -> Sample:
 
 
 def _nav(state: State, message: Any, now_s: float) -> State:
-    nav = NavState(message.t_gps_ns, math.hypot(*message.r_gcrf_m), math.hypot(*message.v_gcrf_mps), message.validity)
+    r_m, v_mps = tuple(message.r_gcrf_m), tuple(message.v_gcrf_mps)
+    nav = NavState(message.t_gps_ns, math.hypot(*r_m), math.hypot(*v_mps), message.validity, r_m, v_mps)
     return replace(state, nav=nav, nav_s=now_s)
 
 
@@ -256,6 +280,23 @@ def _table(state: State, message: Any, now_s: float) -> State:
     if message.kind != NAVIGATION_TABLE:
         return state
     return replace(state, table=Table(message.crc32, safe(message.set_name, 32), message.certificate))
+
+
+def _timing(state: State, message: Any, now_s: float) -> State:
+    values = [getattr(message, name) for name in Timing._fields[3:]]
+    told = Timing(message.index, message.count, safe(message.name, 16), *values)
+    told = told._replace(histogram=tuple(message.histogram))
+    if not told.place < told.members:
+        return state
+    others = (entry for entry in state.timing if entry[0].place != told.place and entry[0].members == told.members)
+    return replace(state, timing=tuple(sorted((*others, (told, now_s)), key=lambda entry: entry[0].place)))
+
+
+def _covariance(state: State, message: Any, now_s: float) -> State:
+    """1-sigma of the position along the axes of the orbit; None where state and covariance allow none."""
+    nav = state.nav
+    sigma = None if nav is None else sigma_rtn_m(nav.r_gcrf_m, nav.v_gcrf_mps, message.covariance)
+    return replace(state, sigma_rtn_m=sigma, sigma_rtn_s=now_s)
 
 
 def _gps(state: State, message: Any, now_s: float) -> State:
@@ -347,6 +388,8 @@ _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "LEONAV_TABLE_STATUS": _table,
     "LEONAV_ALERT": _alert,
     "LEONAV_LINK": _link,
+    "LEONAV_TIMING": _timing,
+    "LEONAV_COVARIANCE": _covariance,
     "GPS_RAW_INT": _gps,
     "STATUSTEXT": _statustext,
 }

@@ -11,7 +11,7 @@ from flightsw.icd.alerts import ALERTS
 from ground.console.alarms import Alarm, standing
 from ground.console.link import Statistics
 from ground.console.model import State, active_alerts, age_s, cause_name
-from ground.console.panels import PAGE_NAMES, SEVERITY_STYLES, SHORT_SEVERITIES, events
+from ground.console.panels import PAGE_NAMES, SEVERITY_STYLES, SHORT_SEVERITIES, events, stale_mark
 from ground.console.text import metres, seconds, utc_clock
 from ground.console.uplink import Operator
 from ground.console.verdict import STALE_S
@@ -69,9 +69,13 @@ def filter_page(state: State, now_s: float) -> Text:
     if told is not None:
         bounds = f"per axis {metres(told.bound_m)}, 3-D {metres(told.bound_3d_m)}, limit {metres(told.limit_m)}"
         text.append(f"streak       {told.accepted_streak} fixes accepted in a row\n")
-        text.append(f"bound        {bounds}\n")
+        text.append(f"bound        {bounds}")
+        text.append(stale_mark(now_s, state.integrity_s) + "\n", style="bold yellow")
+        text.append(f"1-sigma      {_sigmas(state)}")
+        text.append(stale_mark(now_s, state.sigma_rtn_s) + "\n", style="bold yellow")
         text.append(f"alerts       {', '.join(active_alerts(told.alerts)) or 'none'}\n")
-    text.append("\nrejected since start, by cause\n", style="bold")
+    text.append("\nrejected since start, by cause", style="bold")
+    text.append(stale_mark(now_s, state.counters_s, 4 * STALE_S) + "\n", style="bold yellow")
     counts = state.counters.rejected if state.counters is not None else ()
     ranked = sorted(((n, k) for k, n in enumerate(counts) if n), reverse=True)
     for n, k in ranked:
@@ -79,6 +83,13 @@ def filter_page(state: State, now_s: float) -> Text:
     if not ranked:
         text.append("  nothing\n", style="green")
     return text
+
+
+def _sigmas(state: State) -> str:
+    if state.sigma_rtn_m is None:
+        return "unknown"
+    radial, along, cross = (metres(value) for value in state.sigma_rtn_m)
+    return f"radial {radial}, along-track {along}, cross-track {cross} (the filter's own, no bound)"
 
 
 def link_page(state: State, statistics: Statistics, operator: Operator | None, now_s: float) -> Text:
@@ -109,8 +120,8 @@ def link_page(state: State, statistics: Statistics, operator: Operator | None, n
     return text
 
 
-def tables_page(state: State, operator: Operator | None) -> Text:
-    """The navigation table, and what is under way with another."""
+def tables_page(state: State, operator: Operator | None, now_s: float, diff: Sequence[str], rows: int) -> Text:
+    """The navigation table, what is under way with another, and how that differs. diff: lines, the first a heading."""
     text = Text()
     i, t = state.integrity, state.table
     text.append("navigation table in force\n", style="bold")
@@ -118,7 +129,8 @@ def tables_page(state: State, operator: Operator | None) -> Text:
         text.append("  not received\n", style="dim")
     else:
         name = t.set_name if t is not None and t.crc32 == i.table_crc32 else "name not received yet"
-        text.append(f"  {name}, CRC-32 {i.table_crc32:08x}, certificate {i.certificate}\n")
+        text.append(f"  {name}, CRC-32 {i.table_crc32:08x}, certificate {i.certificate}")
+        text.append(stale_mark(now_s, state.integrity_s) + "\n", style="bold yellow")
     if state.link is not None and state.link.table_staged:
         text.append(f"  {_WORDS[min(state.link.table_staged, 2)]}\n", style="bold yellow")
     if operator is None:
@@ -132,7 +144,15 @@ def tables_page(state: State, operator: Operator | None) -> Text:
         text.append(f"  {moving.moved:,} of {moving.total:,} bytes  {_bar(share, 1.0)}\n")
     if operator.table_read:
         text.append(f"  read back: {len(operator.table_read):,} bytes\n")
-    text.append("\n  u upload, validate and stage   r read back   o orders: activate, roll back", style="dim")
+    text.append("\n  u upload, validate and stage   r read back   d differences from a file", style="dim")
+    text.append("   o orders: activate, roll back\n", style="dim")
+    if diff:
+        text.append(f"\n{diff[0]}\n", style="bold")
+        room = max(1, rows - text.plain.count("\n") - 1)
+        for line in diff[1 : room + 1]:
+            text.append(f"  {line}\n")
+        if len(diff) - 1 > room:
+            text.append(f"  and {len(diff) - 1 - room} more", style="yellow")
     return text
 
 

@@ -18,7 +18,7 @@ from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
-PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters")
+PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing")
 SEVERITY_STYLES: dict[int, str] = {
     Severity.EMERGENCY: "bold red",
     Severity.ALERT: "bold red",
@@ -29,7 +29,7 @@ SEVERITY_STYLES: dict[int, str] = {
 }
 SHORT_SEVERITIES = {0: "EMERG", 1: "ALERT", 2: "CRIT", 3: "error", 4: "warn", 5: "note", 6: "info", 7: "debug"}
 HELP_TEXT = """\
-The verdict is flight's own, withdrawn where another received value disagrees.
+The verdict is flight's own, withdrawn where another value disagrees.
 
   TRUSTED             fixes are accepted, the bound is within the limit
   TRUSTED, COASTING   no fix for a while; the bound still covers the error
@@ -37,42 +37,56 @@ The verdict is flight's own, withdrawn where another received value disagrees.
   NOT READY           no state yet
   NO LINK             silence for 3 s: nothing is known, whatever stood here
   NO INTEGRITY DATA   messages come, but none about the error
+  UNAUTHENTICATED     messages come, but no key here has verified them
 
 Uncertified table: no probability stands behind the bound.
 STALE and an age mark every value not renewed for 3 s.
 Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
 
-  q quit  ? this help  p pause (a replay stands still; live, plot and events do)
-  1-6 pages, tab the next: overview, alarms, filter, link, tables, parameters
-  up, down choose a line      a acknowledge the alarm that is marked
-  o orders (each is confirmed)   l list parameters   s set the marked one
-  u upload a table   r read back   left, right -+1 min   + - speed (replay)
+  q quit   ? this help   p pause (live: of plot and events)
+  1-8 pages, tab the next     up, down choose a line or scroll
+  a acknowledge the alarm that is marked      o orders (each is confirmed)
+  l list parameters   s set the marked one
+  f events by severity   / search in events
+  u upload a table   r read back   d differences from a file
+  left, right -+1 min   + - speed (replay)
 
 any key closes this help"""
 
 
 def header(link: Link, state: State, now_s: float, paused: bool, progress: str) -> Text:
-    """One line: where the messages come from, what time it is, how the link does."""
-    text = Text("leonav ", style="bold")
-    kind = "LIVE" if link.live else "END OF LOG" if link.finished() else "REPLAY"
-    text.append(f" {link.name}  ", style="default")
-    if paused:
-        text.append(" PAUSED ", style="bold reverse yellow")
-        text.append(" ")
-    text.append(f"{kind}{' ' + progress if progress else ''}  ", style="bold cyan")
-    text.append(f"{utc_clock(now_s)} UTC  ")
+    """One line: what must not be missed, how the link does, what time it is; the name last, it may be cut off."""
+    text = Text()
+    text.append("leonav ", style="bold")
+    waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)
+    marks = (
+        (paused, "PAUSED"),
+        (waiting, f"{waiting} ALARM{'S' if waiting > 1 else ''} TO ACKNOWLEDGE"),
+        (state.link is not None and state.link.bench, "BENCH"),
+        (state.link is not None and not state.link.armed, "FLAG DISARMED"),
+        (link.statistics.unauthenticated, f"{link.statistics.unauthenticated:,} NOT AUTHENTIC"),
+        (not link.live and link.statistics.unverified, "SIGNATURES NOT VERIFIED"),
+    )
+    for holds, words in marks:
+        if holds:
+            text.append(f" {words} ", style="bold reverse yellow")
+            text.append(" ")
     silent_s = age_s(now_s, state.heard_s)
     if math.isinf(silent_s):
-        text.append("link: nothing heard", style="bold red")
+        text.append(" link: nothing heard", style="bold red")
     else:
         late = silent_s > LINK_TIMEOUT_S
-        text.append(f"link {seconds(silent_s)}{' SILENT' if late else ''}", style="bold red" if late else "green")
-    waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)
-    if waiting:
-        text.append(f"  {waiting} ALARM{'S' if waiting > 1 else ''} TO ACKNOWLEDGE", style="bold reverse yellow")
-    if state.link is not None and state.link.bench:
-        text.append("  BENCH", style="bold reverse yellow")
+        text.append(f" link {seconds(silent_s)}{' SILENT' if late else ''}", style="bold red" if late else "green")
+    kind = "LIVE" if link.live else "END OF LOG" if link.finished() else "REPLAY"
+    text.append(f"  {kind}{' ' + progress if progress else ''}", style="bold cyan")
+    text.append(f"  {utc_clock(now_s)} UTC  {link.name}")
     return text
+
+
+def stale_mark(now_s: float, heard_s: float | None, limit_s: float = STALE_S) -> str:
+    """`  STALE 12 s` for a value that was not renewed, else nothing."""
+    silent_s = age_s(now_s, heard_s)
+    return f"  STALE {seconds(silent_s)}" if silent_s > limit_s else ""
 
 
 def keys(page: int, commands: bool, live: bool) -> Text:
@@ -81,17 +95,17 @@ def keys(page: int, commands: bool, live: bool) -> Text:
     for number, name in enumerate(PAGE_NAMES, 1):
         text.append(f"{number} {name}", style="bold reverse" if number - 1 == page else "bold")
         text.append(" ")
-    text.append(" ? help q quit", style="bold")
-    if commands:
-        text.append(" a ack o orders", style="bold")
+    text.append(" ? help", style="bold")
+    text.append(" a ack o orders" if commands else " q quit", style="bold")
     if not live:
-        text.append(" left/right seek", style="bold")
+        text.append(" ←/→", style="bold")
     return text
 
 
 def verdict(judgement: Judgement) -> Text:
     """Two lines: the words, and the reason."""
-    text = Text(f" {judgement.word} ", style="bold reverse")
+    text = Text()  # a style given here would be that of the reason too
+    text.append(f" {judgement.word} ", style="bold reverse")
     if judgement.certificate:
         text.append("  ")
         text.append(judgement.certificate, style="bold")
@@ -130,7 +144,7 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
         yield "bound 3-D", metres(i.bound_3d_m) + (share if i.driver == 1 else ""), heard_s
         yield "limit", metres(i.limit_m), heard_s
         yield "fix age", seconds(i.fix_age_s), heard_s
-        yield "flag", _flag(i.flag_state, i.flag_age_s), heard_s
+        yield "flag", flag_words(i.flag_state, i.flag_age_s), heard_s
         yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
         yield "streak", f"{i.accepted_streak} fixes accepted", heard_s
     t = state.time_to_flag
@@ -167,7 +181,8 @@ def time_left(told: TimeToFlag) -> str:
     return f"{least}{seconds(told.time_to_flag_s)}{when} ({governs}, {seconds(told.prediction_age_s)} old)"
 
 
-def _flag(flag_state: int, flag_age_s: float) -> str:
+def flag_words(flag_state: int, flag_age_s: float) -> str:
+    """The failure flag, and at which outage age it was raised."""
     known = FlagState(flag_state).name if flag_state in FlagState._value2member_map_ else f"FLAG {flag_state}"
     return f"{known} at {seconds(flag_age_s)}" if math.isfinite(flag_age_s) else known
 

@@ -1,7 +1,8 @@
 """The console without a screen: one line a second on standard output, fit for a log or a pipe.
 
-A status line holds the link's time, the verdict, what stands behind the table, mode, bound, limit, fix age,
-link age and the reason. Events stand on lines of their own as they are heard.
+A status line holds the link's time, the verdict, mode, bound, limit, fix age, time to the flag, satellites, flag,
+table, alarms, ages of link and heartbeat, what stands behind the table, and the reason. What is not renewed says
+STALE. Events stand on lines of their own as they are heard.
 """
 
 from __future__ import annotations
@@ -10,32 +11,51 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
-from ground.console.link import Link, TlogLink, damage_words
+from ground.console.link import Link
 from ground.console.model import Event, State, age_s, reduce
-from ground.console.panels import severity_word
+from ground.console.panels import flag_words, severity_word, time_left
 from ground.console.text import metres, seconds, utc_stamp
-from ground.console.verdict import STALE_S, judge, mode_word
+from ground.console.tlog import TlogLink
+from ground.console.verdict import STALE_S, judge_link, mode_word
 
 SILENT_LINES = 10  # of one silence in a replay; the rest of it is one line
 
 
-def status_line(state: State, now_s: float) -> str:
-    """The state at `now_s` on one line."""
-    judgement = judge(state, now_s)
+def status_line(state: State, now_s: float, link: object = None) -> str:
+    """The state at `now_s` on one line; link: where it came from, for what that knows of signatures."""
+    judgement = judge_link(state, now_s, link)
     parts = [f"{utc_stamp(now_s)} {judgement.word:<17}"]
     i = state.integrity
     if i is not None:
-        silent_s = age_s(now_s, state.integrity_s)
-        stale = f" STALE {seconds(silent_s)}" if silent_s > STALE_S else ""
+        stale = _stale(now_s, state.integrity_s)
         parts.append(
             f"{mode_word(i.mode):<10} bound {metres(i.driving_bound_m):<8} limit {metres(i.limit_m):<7} "
             f"fix age {seconds(i.fix_age_s)}{stale}"
         )
-    parts.append(f"link {seconds(age_s(now_s, state.heard_s))}")
+    left = state.time_to_flag
+    if left is not None:
+        parts.append(f"time left {time_left(left)}{_stale(now_s, state.time_to_flag_s)}")
+    if state.satellites is not None:
+        parts.append(f"{state.satellites} satellites{_stale(now_s, state.innovation_s or state.satellites_s)}")
+    if i is not None:
+        parts.append(f"flag {flag_words(i.flag_state, i.flag_age_s)}, table {i.table_crc32:08x}")
+    waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)
+    if waiting:
+        parts.append(f"{waiting} ALARM{'S' if waiting > 1 else ''} TO ACKNOWLEDGE")
+    if state.link is not None:
+        parts += [
+            word for word, holds in (("BENCH", state.link.bench), ("FLAG DISARMED", not state.link.armed)) if holds
+        ]
+    parts.append(f"link {seconds(age_s(now_s, state.heard_s))}, heartbeat {seconds(age_s(now_s, state.heartbeat_s))}")
     if judgement.certificate:
         parts.append(judgement.certificate)
     parts.append(judgement.reason)
     return " | ".join(parts)
+
+
+def _stale(now_s: float, heard_s: float | None) -> str:
+    silent_s = age_s(now_s, heard_s)
+    return f" STALE {seconds(silent_s)}" if silent_s > STALE_S else ""
 
 
 def event_line(event: Event) -> str:
@@ -45,21 +65,21 @@ def event_line(event: Event) -> str:
 
 def final_line(state: State, now_s: float, link: Link) -> str:
     """The last word: the verdict at `now_s`, and what the link went through."""
-    judgement = judge(state, now_s)
+    judgement = judge_link(state, now_s, link)
     words = ", ".join(word for word in (judgement.word, judgement.certificate) if word)
     s = link.statistics
     return (
         f"FINAL {utc_stamp(now_s)} {words}: {judgement.reason} "
         f"[{s.frames} messages, {s.lost} lost, {s.damaged} damaged, {s.unknown} unknown, "
-        f"{state.alerts_lost} alerts lost]"
+        f"{s.unauthenticated} not authentic, {s.unverified} signatures not verified, {state.alerts_lost} alerts lost]"
     )
 
 
 def replay_lines(link: TlogLink) -> Iterator[str]:
     """A whole log at its own times, without waiting, and its final verdict."""
     state = State(started_s=link.start_s)
-    if link.skipped_bytes:
-        yield f"{utc_stamp(link.start_s)} EVENT warning console: {damage_words(link.skipped_bytes)}"
+    for remark in link.remarks:
+        yield f"{utc_stamp(link.start_s)} EVENT warning console: {remark}"
     due_s = math.ceil(link.start_s)
     now_s = link.start_s
     for time_s, message in link.everything():
@@ -91,7 +111,7 @@ def live_lines(
                 yield from map(event_line, fresh)
             now_s = link.now_s()
             if now_s >= due_s:
-                yield status_line(state, now_s)
+                yield status_line(state, now_s, link)
                 due_s = math.floor(now_s) + 1
             sleep(min(0.1, max(0.0, due_s - link.now_s())))
     except KeyboardInterrupt:

@@ -42,8 +42,17 @@ class Judgement(NamedTuple):
     level: Level
 
 
-def judge(state: State, now_s: float, forged_s: float | None = None) -> Judgement:
-    """The verdict at `now_s`. forged_s: when a message was heard last that could not be authenticated."""
+def judge_link(state: State, now_s: float, link: object) -> Judgement:
+    """The verdict at `now_s` on what came over a link, with what the link knows of signatures."""
+    return judge(state, now_s, getattr(link, "forged_s", None), getattr(link, "unverified_s", None))
+
+
+def judge(state: State, now_s: float, forged_s: float | None = None, unverified_s: float | None = None) -> Judgement:
+    """The verdict at `now_s`.
+
+    forged_s: when a message was heard last that could not be authenticated. unverified_s: when one was heard last that
+    is signed, without a key here to verify it: what it says is shown, but calls nothing trusted.
+    """
     silent_s = age_s(now_s, state.heard_s)
     if silent_s > LINK_TIMEOUT_S and forged_s is not None and now_s - forged_s <= LINK_TIMEOUT_S:
         reason = "messages arrive that are not signed with our key: nothing of them is believed"
@@ -57,6 +66,9 @@ def judge(state: State, now_s: float, forged_s: float | None = None) -> Judgemen
         reason = f"messages arrive, but no integrity {since}: nothing is known of the error"
         return Judgement("NO INTEGRITY DATA", certificate, reason, Level.UNKNOWN)
     word, reason, level = _weigh(integrity, _state_is_refused(state, now_s))
+    if level != Level.BAD and unverified_s is not None and now_s - unverified_s <= LINK_TIMEOUT_S:
+        reason = f"flight signs what it sends and no key is here to verify it (--key); unverified: {word}, {reason}"
+        return Judgement("UNAUTHENTICATED", certificate, reason, Level.UNKNOWN)
     return Judgement(word, certificate, reason, level)
 
 

@@ -18,11 +18,16 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
+from flightsw.icd.table_file import TableRefused
 from ground.console import alarms, model, pages, panels, plot
-from ground.console.link import Link, Sending, TlogLink, damage_words, progress_words
+from ground.console.event_log import Filter, events_page
+from ground.console.link import Link, Sending
 from ground.console.orders import Ask, Confirm, Menu, Order
+from ground.console.table_diff import table_diff
+from ground.console.timing_page import timing_page
+from ground.console.tlog import TlogLink, progress_words
 from ground.console.uplink import Operator
-from ground.console.verdict import STALE_S, Judgement, Level, judge
+from ground.console.verdict import STALE_S, Judgement, Level, judge_link
 
 REDRAW_S = 0.25
 SEEK_S = 60.0
@@ -68,6 +73,9 @@ class ConsoleApp(App[None]):
         ("s", "set_parameter", "set parameter"),
         ("u", "upload", "upload"),
         ("r", "read_back", "read back"),
+        ("d", "differences", "differences"),
+        ("f", "severity", "severity"),
+        ("slash", "search", "search"),
         ("left", "seek(-1)", "back"),
         ("right", "seek(1)", "on"),
         ("plus", "speed(2)", "faster"),
@@ -99,7 +107,9 @@ class ConsoleApp(App[None]):
         if isinstance(link, Sending):
             self.operator = Operator(link.send, link.verifier, self._say)
         self.page = 0
-        self.chosen = 0
+        self.chosen = 0  # the marked line; on the page of events, lines scrolled back
+        self.filter = Filter()
+        self.diff: tuple[str, ...] = ()
         self._operator_name = operator_name
         self._asked_events_s = 0.0
         self.state = model.State(started_s=link.now_s())
@@ -107,8 +117,8 @@ class ConsoleApp(App[None]):
         self.paused = False
         self._period_s = period_s
         self._frozen: model.State | None = None
-        if isinstance(link, TlogLink) and link.skipped_bytes:
-            self.state = model.note(self.state, link.now_s(), 4, f"console: {damage_words(link.skipped_bytes)}")
+        for remark in link.remarks if isinstance(link, TlogLink) else ():
+            self.state = model.note(self.state, link.now_s(), 4, f"console: {remark}")
 
     def compose(self) -> ComposeResult:
         """The panels from top to bottom."""
@@ -163,7 +173,7 @@ class ConsoleApp(App[None]):
     def redraw(self) -> None:
         """Draw every panel. The verdict and the values are always live; plot and events obey pause."""
         now_s = self.link.now_s()
-        self.judgement = judge(self.state, now_s, getattr(self.link, "forged_s", None))
+        self.judgement = judge_link(self.state, now_s, self.link)
         shown = self._frozen or self.state
         screen = self.screen_stack[0]
         progress = progress_words(self.link) if isinstance(self.link, TlogLink) else ""
@@ -190,8 +200,10 @@ class ConsoleApp(App[None]):
             lambda: pages.alarms(self.state, self.chosen, rows),
             lambda: pages.filter_page(self.state, now_s),
             lambda: pages.link_page(self.state, self.link.statistics, self.operator, now_s),
-            lambda: pages.tables_page(self.state, self.operator),
+            lambda: pages.tables_page(self.state, self.operator, now_s, self.diff, rows),
             lambda: pages.parameters_page(self.operator, self.chosen, rows),
+            lambda: events_page((self._frozen or self.state).events, self.filter, self.chosen, rows),
+            lambda: timing_page(self.state, now_s, rows),
         )
         widget.border_title = pages.PAGES[self.page]
         widget.update(drawn[self.page]())
@@ -216,8 +228,51 @@ class ConsoleApp(App[None]):
         lines = len(alarms.standing(self.state.alarms))
         if pages.PAGES[self.page] == "parameters" and self.operator is not None:
             lines = len(self.operator.parameters)
+        elif pages.PAGES[self.page] == "events":
+            lines, step = len(self.filter.select((self._frozen or self.state).events)), -step
         self.chosen = min(max(0, self.chosen + step), max(0, lines - 1))
         self.redraw()
+
+    def action_severity(self) -> None:
+        """Show graver events only, or all again."""
+        self._show_events(self.filter.next_level())
+
+    def action_search(self) -> None:
+        """Show events with a word in them; an empty word, all."""
+
+        def entered(word: str | None) -> None:
+            if word is not None:
+                self._show_events(self.filter._replace(word=word.strip()))
+
+        self.push_screen(Ask("Show events with which word? Empty: all.", self.filter.word), entered)
+
+    def _show_events(self, chosen: Filter) -> None:
+        self.filter = chosen
+        self.action_page(pages.PAGES.index("events"))
+
+    def action_differences(self) -> None:
+        """Compare the table that flies, as it was read back, with a file."""
+        if not self._may_order() or self.operator is None:
+            return
+        if not self.operator.table_read:
+            self._say(4, "read the table that flies back first (r): nothing to compare a file with")
+            self.redraw()
+            return
+        self.push_screen(Ask("Compare the table that flies with which table file?"), self._compare)
+
+    def _compare(self, text: str | None) -> None:
+        if not text or self.operator is None:
+            return
+        try:
+            lines = table_diff(self.operator.table_read, Path(text).read_bytes())
+        except OSError as error:
+            self._say(4, f"{text}: cannot be read ({error.strerror})")
+        except TableRefused as error:
+            self._say(4, f"{text}: {error}")
+        else:
+            count = f"{len(lines) or 'no'} difference{'s' if len(lines) > 1 else ''}"
+            self.diff = (f"{count}: the table that flies -> {Path(text).name}", *lines)
+        self.action_page(pages.PAGES.index("tables"))
 
     # -- orders
 

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightsw.icd import mavlink
-from ground.console.link import RECORDS_PER_CALL, FrameDecoder, TlogLink, UdpLink, read_tlog
+from ground.console.link import FrameDecoder, UdpLink
+from ground.console.tlog import RECORDS_PER_CALL, TlogLink, read_tlog
 from ground.errors import OperatorError
 
 
@@ -150,23 +151,26 @@ def test_a_log_faster_than_the_screen_waits_instead_of_running_ahead(tmp_path: P
 @pytest.mark.parametrize("cut", [1, 7, 8, 15, 30])
 def test_a_log_cut_by_a_crash_keeps_every_whole_record(tmp_path: Path, cut: int) -> None:
     path = write_tlog(tmp_path / "link.tlog", 10)
-    whole, _ = read_tlog(path)
+    whole, _, _ = read_tlog(path)
     path.write_bytes(path.read_bytes()[:-cut])
-    records, skipped = read_tlog(path)
+    records, skipped, remarks = read_tlog(path)
 
     assert records == whole[: len(records)]
     assert len(records) >= len(whole) - 2
     assert skipped > 0
+    (remark,) = remarks
+    assert remark.startswith(f"the log ends within a message, {skipped} bytes of it: flight was killed")
 
 
 def test_damage_inside_a_log_is_skipped_and_said(tmp_path: Path) -> None:
     path = write_tlog(tmp_path / "link.tlog", 20)
-    whole, _ = read_tlog(path)
+    whole, _, _ = read_tlog(path)
     data = path.read_bytes()
     path.write_bytes(data[:500] + random.Random(1).randbytes(333) + data[500:])
-    records, skipped = read_tlog(path)
+    records, skipped, remarks = read_tlog(path)
 
     assert skipped >= 333
+    assert remarks == (f"{skipped} damaged bytes of the log skipped",)
     assert set(whole[:3]) <= set(records)
     assert records[-1] == whole[-1]
     assert len(set(whole) - set(records)) <= 2

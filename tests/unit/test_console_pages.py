@@ -19,8 +19,9 @@ from test_console_view import NEVER_S, SIZE, screen_text
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import Mode
 from ground.console.authentication import EPOCH_UNIX_S, UNITS_PER_S, Verifier, read_key
-from ground.console.link import FrameDecoder, Received, TlogLink
+from ground.console.link import FrameDecoder, Received
 from ground.console.model import State
+from ground.console.tlog import TlogLink
 from ground.console.verdict import judge
 from ground.console.view import ConsoleApp
 from ground.errors import OperatorError

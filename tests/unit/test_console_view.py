@@ -15,7 +15,8 @@ from flightsw.icd import mavlink
 pytest.importorskip("textual")
 pytest.importorskip("textual_plotext")
 
-from ground.console.link import Received, Statistics, TlogLink
+from ground.console.link import Received, Statistics
+from ground.console.tlog import TlogLink
 from ground.console.view import ConsoleApp
 
 SIZE = (100, 30)
