@@ -103,7 +103,7 @@ class Disk:
 @pytest.fixture
 def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     disk = Disk(10**9)
-    monkeypatch.setattr("flightsw.journal.os.write", disk.write)
+    monkeypatch.setattr("flightsw.rotating_file.os.write", disk.write)
     return disk
 
 
