@@ -81,9 +81,10 @@ NAV = np.dtype(
         ("UD_ahead", "f8", (STATES, STATES)),
         ("covariance", "f8", (MEASUREMENTS, MEASUREMENTS)),  # of (r, v) as published, with stamp and antenna
         ("unmodelled", "i8"),  # a step since the last fix went without the force model
-        ("beyond_mps2", "f8", (3,)),  # acceleration at the epoch that the model of the publication lacks
-        ("drag_mps2", "f8", (3,)),  # drag at the epoch for a scale of one
-        ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch
+        # at the epoch, or in the middle of a short step that led to it
+        ("beyond_mps2", "f8", (3,)),  # acceleration that the model of the publication lacks
+        ("drag_mps2", "f8", (3,)),  # drag for a scale of one
+        ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch; flight filter: in the middle of the step that follows
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late
@@ -271,6 +272,9 @@ WORK = np.dtype(
         ("drag_scale", "f8"),  # at its start
         *((name, "f8", (3,)) for name in ("empirical_rtn", "small_mps2")),
         ("x_model", "f8", (STATES,)),
+        ("split", "i8"),  # the last step left in the next two what the forces were in its middle
+        ("split_beyond_mps2", "f8", (3,)),
+        ("split_drag_mps2", "f8", (3,)),
         # the paper's filter
         ("phi", "f8", (PAPER_STATES, PAPER_STATES)),
         ("square", "f8", (PAPER_STATES, PAPER_STATES)),

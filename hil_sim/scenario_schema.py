@@ -148,11 +148,12 @@ class Outage(Section, frozen=True):
 
 
 class Oscillator(Section, frozen=True):
-    """The onboard counter: offset + (1 + drift) t + random walk of its phase."""
+    """The onboard counter: offset + (1 + drift) t + random walks of its phase and of its drift."""
 
     offset_s: Annotated[float, _range(-1e8, 1e8, "reading at the scenario's start in seconds")] = 1000.0
     drift_ppm: Annotated[float, _range(-100.0, 100.0, "frequency error in parts per million")] = 1.0
     random_walk: Annotated[float, _range(0.0, 1e-6, "phase random walk in s/sqrt(s)")] = 1e-10
+    drift_walk: Annotated[float, _range(0.0, 1e-6, "random walk of the drift in 1/sqrt(s)")] = 0.0
     pulse_jitter_ns: Annotated[float, _range(0.0, 1e6, "1-sigma of a latched pulse in nanoseconds")] = 50.0
 
 

@@ -124,7 +124,7 @@ def _judge(nav, table):
 def settle(nav, table, model, work):
     """What follows once the newest epoch is in place: pole, bounds, flag."""
     frames.pole_gcrf(model.eop, nav.t_gps_ns, work, nav.pole)
-    dynamics.observe_forces(nav, table, model, work)
+    dynamics.observe_forces(nav, table, model, grid_step_ns(nav, table) * 1e-9, work)
     look_ahead(nav, table, work)
     if nav.unmodelled:
         _withhold(nav)
@@ -135,6 +135,7 @@ def settle(nav, table, model, work):
 def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     """State and covariance from the fix in work.z: the paper's start, dA = 0."""
     nav.initialised = 1
+    work.split = 0
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_gps_ns
     nav.t_start_gps_ns = t_gps_ns
@@ -220,6 +221,7 @@ def catch_up(nav, table, model, slot, work):
         t_gps_ns = nav.history_t_gps_ns[k]
         x = nav.history_x[k]
         _catch_up_epoch(nav, table, slot, t_gps_ns, rate_radps, x, nav.history_P[k], nav.history_UD[k], work)
+    work.split = 0
     settle(nav, table, model, work)
 
 
@@ -252,6 +254,7 @@ def predict_to(nav, table, model, t_gps_ns, work):
     chain has so much to catch up that this call cannot.
     """
     flying = table.filter_model == flight_model.FLIGHT
+    work.split = 0
     if t_gps_ns - nav.t_gps_ns > CATCH_UP * table.nav_step_ns:
         return False
     if t_gps_ns >= nav.t_gps_ns:
@@ -296,6 +299,7 @@ def commit_aside(nav, table, model, t_gps_ns, work):
     """As `commit` where no position was used: the state is another, the age of the last fix runs on."""
     t_fix_gps_ns = nav.t_fix_gps_ns
     row = nav.row
+    work.split = 0
     commit(nav, table, model, t_gps_ns, row, work)
     nav.t_fix_gps_ns = t_fix_gps_ns
 

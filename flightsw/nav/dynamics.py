@@ -87,6 +87,9 @@ def _advance_split(table, model, t_gps_ns, x, dt_ns, drag_scale, empirical, pole
         y[i] = x[i]
     for i in range(3):
         y[6 + i] = beyond[i] - work.small_mps2[i]
+        work.split_beyond_mps2[i] = y[6 + i]
+        work.split_drag_mps2[i] = model.scratch.drag_mps2[i]
+    work.split = 1
     integrators.rk4(table, y, dt_ns * 1e-9, pole, work.stages)
     for i in range(6):
         x[i] = y[i]
@@ -102,6 +105,7 @@ def _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work):
         empirical[i] = kept * x[6 + i]
     drag_scale = 1.0 + _mean(dt_s, table.drag_tau_s) * x[9] + _mean(dt_s, table.drag_slow_tau_s) * x[10]
     flight_model.set_decays(table, x, dt_s, work)
+    work.split = 0
     if dt_s <= table.split_step_max_s:
         ok = _advance_split(table, model, t_gps_ns, x, dt_ns, drag_scale, empirical, pole, work)
     else:
@@ -121,19 +125,58 @@ def _advance_flight(table, model, t_gps_ns, x, dt_ns, pole, work):
 
 
 @kernel
-def observe_forces(nav, table, model, work):
-    """What the forces are at the newest epoch: nav.beyond_mps2, nav.drag_mps2, nav.gradient_ps2.
+def middle_of_step(table, x, dt_s, out):
+    """Position half a step on, to the second order, into out (3,): where the gradient of a step is taken.
+
+    Taken at its beginning, the gradient feeds the covariance with energy: in three revolutions 2 % of a large bound by
+    steps of 1 s, 18 % by steps of 10 s.
+    """
+    half_s = 0.5 * dt_s
+    r2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+    fall = 1.0 - 0.5 * half_s * half_s * table.mu_m3ps2 / (r2 * math.sqrt(r2))
+    for i in range(3):
+        out[i] = fall * x[i] + half_s * x[3 + i]
+
+
+@kernel
+def observe_forces(nav, table, model, dt_s, work):
+    """What the forces are at the newest epoch, for a step of dt_s: nav.beyond_mps2, nav.drag_mps2, nav.gradient_ps2.
 
     `beyond` is the acceleration that the small model of the publication lacks: the paper's dA; for the flight filter
-    all that its force model has beyond J2.
+    all that its force model has beyond J2. Where a short step has just led here its forces serve: those half a step
+    ago displace what is published by less than a micrometre.
     """
     x = nav.x
-    gravity.gradient(table, x[0:3], nav.pole, nav.gradient_ps2)
-    for i in range(3):
-        nav.beyond_mps2[i] = x[6 + i]
-        nav.drag_mps2[i] = 0.0
     if table.filter_model != flight_model.FLIGHT:
+        gravity.gradient(table, x[0:3], nav.pole, nav.gradient_ps2)
+        for i in range(3):
+            nav.beyond_mps2[i] = x[6 + i]
+            nav.drag_mps2[i] = 0.0
         return
+    middle = work.three
+    middle_of_step(table, x, dt_s, middle)
+    if not _forces_at_epoch(nav, table, model, work):
+        gravity.gradient(table, middle, nav.pole, nav.gradient_ps2)
+        return
+    if model.forces.area_to_mass_m2pkg == 0.0:
+        for i in range(3):
+            nav.drag_mps2[i] = 0.0
+    if model.forces.gradient_degree > 2:
+        force_model.gradient(model.field, middle, model.scratch, nav.gradient_ps2)
+    else:
+        gravity.gradient(table, middle, nav.pole, nav.gradient_ps2)
+
+
+@kernel
+def _forces_at_epoch(nav, table, model, work):
+    """nav.beyond_mps2 and nav.drag_mps2 of the flight filter; False, and both zero, where the forces have ended."""
+    x = nav.x
+    if work.split == 1:
+        work.split = 0
+        for i in range(3):
+            nav.beyond_mps2[i] = work.split_beyond_mps2[i]
+            nav.drag_mps2[i] = work.split_drag_mps2[i]
+        return True
     ok = force_model.acceleration(
         model.forces,
         model.field,
@@ -149,10 +192,5 @@ def observe_forces(nav, table, model, work):
     gravity.acceleration(table, x[0:3], nav.pole, work.small_mps2)
     for i in range(3):
         nav.beyond_mps2[i] = nav.beyond_mps2[i] - work.small_mps2[i] if ok else 0.0
-    if not ok:
-        return
-    if model.forces.area_to_mass_m2pkg > 0.0:
-        for i in range(3):
-            nav.drag_mps2[i] = model.scratch.drag_mps2[i]
-    if model.forces.gradient_degree > 2:
-        force_model.gradient(model.field, x[0:3], model.scratch, nav.gradient_ps2)
+        nav.drag_mps2[i] = model.scratch.drag_mps2[i] if ok else 0.0
+    return ok

@@ -26,6 +26,7 @@ FLIGHT = 1
 _AXES = 3
 _OMITTED_ALTITUDE_M = 500_000.0  # for which the table gives the sigma of omitted gravity
 _DRAG = 9
+_LEAST_DRAG_SCALE = 0.5  # for the noise of drag, a share of what is estimated: where drag is weak that is anything
 _BIAS = 11
 _PERIODIC = 14
 
@@ -125,7 +126,7 @@ def set_transition(table, x, dt_s, drag_mps2, gradient, work):
     Also the steady sigma of the empirical accelerations and the scale of drag, which drive their noise in `predict`.
     """
     motion = work.motion
-    work.drag_scale = 1.0 + x[_DRAG] + x[_DRAG + 1]
+    work.drag_scale = max(1.0 + x[_DRAG] + x[_DRAG + 1], _LEAST_DRAG_SCALE)
     work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
     basis = work.rtn
     rtn_basis(x, basis)
@@ -315,8 +316,9 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
     d0 = drag_mps2[0]
     d1 = drag_mps2[1]
     d2 = drag_mps2[2]
-    at = _add_markov(work, at, d0, d1, d2, _DRAG, table.drag_sigma, table.drag_tau_s, dt_s)
-    at = _add_markov(work, at, d0, d1, d2, _DRAG + 1, table.drag_slow_sigma, table.drag_slow_tau_s, dt_s)
+    at = _add_markov(work, at, d0, d1, d2, _DRAG, work.drag_scale * table.drag_sigma, table.drag_tau_s, dt_s)
+    slow_sigma = work.drag_scale * table.drag_slow_sigma
+    at = _add_markov(work, at, d0, d1, d2, _DRAG + 1, slow_sigma, table.drag_slow_tau_s, dt_s)
     if _drag_steps(nav, table, t_gps_ns, dt_s):
         w[_DRAG + 1, at] = 1.0
         q[at] = (table.drag_step_sigma * work.drag_scale) ** 2

@@ -46,6 +46,9 @@ def add_arguments(subparsers: Any) -> None:
     forces.add_argument("--starts", metavar="N", type=int, help="at most so many starts (default: all, 1000 s apart)")
     forces.add_argument("--peer-starts", metavar="N", type=int, default=20, help="starts flown by satkit (0: none)")
     add_bench(actions)
+    step = actions.add_parser("step", help="time of the filter's step by degree, beside satkit's propagation")
+    step.add_argument("--degree", metavar="N", type=int, action="append", help="degree and order; may be repeated")
+    step.add_argument("--gravity", metavar="FILE", type=Path, help="ICGEM file (default: EGM2008, else the packaged)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
     data = data_folder()
     if args.action == "bench":
         return run_bench(args, data, args.gravity or gravity_of(data))
+    if args.action == "step":
+        return _run_step(args, args.gravity or gravity_of(data))
     from ground.accuracy.orbits import read_orbit
     from ground.tables.build import parse_setting
 
@@ -71,6 +76,16 @@ def run(args: argparse.Namespace) -> int:
         else:
             _print_integrators(model, orbit)
         print()
+    return 0
+
+
+def _run_step(args: argparse.Namespace, gravity: Path | None) -> int:
+    from ground.accuracy import step_cost
+
+    for degree in args.degree or ():
+        if not 2 <= degree <= 120:
+            raise OperatorError(f"--degree {degree}: give 2 to 120")
+    print(step_cost.table(step_cost.measure(tuple(args.degree or step_cost.DEGREES), gravity)))
     return 0
 
 

@@ -52,7 +52,8 @@ class Ensemble:
     radiation_error: float = 0.2
     area_step: tuple[float, float] = (0.5, 2.0)
     drift_ppm: float = 2.0  # uniform, either sign
-    random_walk: tuple[float, float] = (1e-11, 1e-10)  # s/sqrt(s)
+    random_walk: tuple[float, float] = (1e-11, 1e-10)  # of its phase, s/sqrt(s)
+    drift_walk: tuple[float, float] = (5e-10, 6.3e-10)  # of its drift, 1/sqrt(s): the worst TCXO that the tables allow
     pulse_jitter_ns: tuple[float, float] = (20.0, 100.0)
     sigma_position_m: tuple[float, float] = (2.0, 15.0)
     velocity_to_position_ps: float = 0.01  # sigma of velocities by that of positions [1/s]
@@ -167,6 +168,7 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
         "drift_ppm": float(rng.uniform(-ensemble.drift_ppm, ensemble.drift_ppm)),
         "random_walk": _log(rng, ensemble.random_walk),
         "pulse_jitter_ns": _log(rng, ensemble.pulse_jitter_ns),
+        "drift_walk": _log(rng, ensemble.drift_walk),
     }
     tree: dict[str, Any] = {
         "name": f"run{run}",

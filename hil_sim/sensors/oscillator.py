@@ -1,4 +1,4 @@
-"""The onboard counter: counter(t) = offset + (1 + drift) (t - t0) + random walk of the phase.
+"""The onboard counter: counter(t) = offset + (1 + drift) (t - t0) + random walks of phase and drift.
 
 Absolute times stay int64 nanoseconds; only the deviation from true time, milliseconds at most, is a float.
 """
@@ -17,7 +17,7 @@ _ITERATIONS = 4  # of the inverse; each shrinks the error by the drift, at most 
 class Oscillator:
     """Counter over [t_start, t_start + duration] with a margin on both sides.
 
-    The random walk is drawn once a second and linear in between.
+    The random walks are drawn once a second; the phase is linear in between.
     """
 
     def __init__(
@@ -32,6 +32,10 @@ class Oscillator:
         self._t0_ns = self.t_start_gps_ns - MARGIN_S * NS
         nodes = -(-int(duration_ns) // NS) + 2 * MARGIN_S + 1
         walk_ns = np.cumsum(stream.standard_normal(nodes)) * settings.random_walk * 1e9
+        if settings.drift_walk > 0.0:
+            walked = np.cumsum(stream.standard_normal(nodes)) * settings.drift_walk
+            walked -= walked[MARGIN_S]
+            walk_ns[1:] += np.cumsum(walked[:-1]) * 1e9
         walk_ns -= walk_ns[MARGIN_S]
         drift_ns = settings.drift_ppm * 1e-6 * (np.arange(nodes) - MARGIN_S) * 1e9
         self._deviation_ns = drift_ns + walk_ns

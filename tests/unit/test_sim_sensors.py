@@ -53,6 +53,18 @@ def test_random_walk_grows_with_the_root_of_time() -> None:
     assert np.std(ends) == pytest.approx(300.0, rel=0.12)
 
 
+def test_phase_under_a_walking_drift_grows_with_the_power_three_halves() -> None:
+    """A drift that walks by 1e-9/sqrt(s) displaces the phase by 1e-9 sqrt(t^3 / 3): 15.6 us after 900 s."""
+    settings = OscillatorSettings(offset_s=0.0, drift_ppm=0.0, random_walk=0.0, drift_walk=1e-9)
+    ends = []
+    for seed in range(400):
+        clock = Oscillator(settings, T0_NS, 900 * gps_time.NS, np.random.default_rng(seed))
+        t = T0_NS + np.array([225, 900]) * gps_time.NS
+        ends.append(clock.counter_ns(t) - (t - T0_NS))
+    assert np.std(ends, axis=0) == pytest.approx([1950.0, 15_600.0], rel=0.12)
+    assert clock.counter_ns(np.array([T0_NS]))[0] == 0
+
+
 def test_epochs_are_whole_gps_seconds() -> None:
     """GIVEN a start between seconds WHEN fixes are taken at 2 Hz THEN they fall on whole and half GPS seconds."""
     t = gnss_receiver.epochs_ns(T0_NS + 123_456_789, T0_NS + 3 * gps_time.NS, 500_000_000)

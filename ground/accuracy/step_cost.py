@@ -1,0 +1,117 @@
+"""What the flight filter's step costs by the degree of its gravity field, beside satkit's propagation in the same run.
+
+A satellite at 421 km with a fix a second is flown through the compiled arc, then on without fixes. Every figure is the
+least of some rounds, taken in turn: what the machine does when left alone.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from flightsw.icd.table_file import decode
+from flightsw.memory import Memory
+from ground.accuracy.flight_model import FlightModel
+from ground.campaign import arc
+from ground.studies.flights import COARSE_TICK_NS, NS, prepare
+from ground.tables.forces import build_forces
+from ground.tables.gravity_field import build_gravity_field
+from hil_sim.truth.satkit_data import satkit_time, session
+
+DEGREES = (36, 50, 70)
+FIXES_S, OUTAGE_S = 2000, 2000
+ROUNDS = 5
+_SETTLED_S = 10  # of an outage, before it is timed: the grid has its long steps by then
+_SCENARIO = "two_orbits"
+_SETTINGS = (
+    "flight.table_set=flight",
+    "time.start=2003-06-01T00:00:00.6",  # ticks find the fix of their own second
+    f"time.duration_s={FIXES_S + 60}",
+    f"outage.0.start_s={FIXES_S}",
+    "outage.0.duration_s=60",
+)
+
+
+class Cost(NamedTuple):
+    """Microseconds for a second of flight at one degree.
+
+    fix_us: with a fix, all calls of the navigation step in it; calls: how many. call_us: one of them.
+    outage_us: without fixes. mean_us: of these, carrying the mean alone. satkit_us: satkit, the mean alone.
+    """
+
+    degree: int
+    calls: float
+    fix_us: float
+    call_us: float
+    outage_us: float
+    mean_us: float
+    satkit_us: float
+
+
+def measure(degrees: tuple[int, ...] = DEGREES, gravity: Path | None = None, rounds: int = ROUNDS) -> list[Cost]:
+    """Fly and time. gravity: an ICGEM file; None takes the packaged field. Raises OperatorError."""
+    prepared = prepare(_SCENARIO, _SETTINGS, COARSE_TICK_NS)
+    inputs, ticks = prepared.inputs
+    first = int(np.searchsorted(ticks, FIXES_S, "right"))
+    blank = np.zeros(_SETTLED_S + OUTAGE_S, inputs.dtype)
+    blank["counter_now_ns"] = inputs["counter_now_ns"][first - 1] + np.arange(1, len(blank) + 1) * NS
+    start_gps_ns = int(prepared.world.t_start_gps_ns)
+    day = date.fromisoformat(_SETTINGS[1].split("=")[1][:10])
+    found = []
+    for degree in degrees:
+        model = FlightModel(prepared.orientation.values, gravity, {"degree": degree}, day)
+        field = decode(build_gravity_field(gravity, degree)).values
+        forces = decode(build_forces({"degree": degree}, day=day)).values
+        x = np.concatenate((prepared.world.r_true_gcrf_m[0], prepared.world.v_true_gcrf_mps[0]))
+        best = [math.inf] * 4
+        with session(start_gps_ns, start_gps_ns + OUTAGE_S * NS) as satkit:
+            settings = satkit.propsettings(
+                abs_error=1e-8,
+                rel_error=1e-10,
+                gravity_degree=min(degree, 70),
+                gravity_model=satkit.gravmodel.egm2008,
+                enable_interp=False,
+                require_eop_coverage=True,
+            )
+            instant = satkit_time(satkit, start_gps_ns)
+            for _ in range(rounds + 1):  # the first of them compiles what is not compiled yet
+                memory = Memory()
+                memory.load(prepared.table().values, prepared.orientation.values)
+                memory.load_forces(forces, field)
+                spent = (
+                    _seconds(lambda: arc.fly(memory, inputs[:first])),
+                    _seconds(lambda: arc.fly(memory, blank[:_SETTLED_S])),
+                    _seconds(lambda: arc.fly(memory, blank[_SETTLED_S:])),
+                    _seconds(lambda: model.propagate(start_gps_ns, x, OUTAGE_S * NS)),
+                    _seconds(lambda: satkit.propagate(x, instant, duration_secs=float(OUTAGE_S), propsettings=settings)),
+                )
+                best = [min(pair) for pair in zip(best, (spent[0], *spent[2:]), strict=True)]
+        fix, outage, mean, peer = (1e6 * s / n for s, n in zip(best, (FIXES_S, *3 * (OUTAGE_S,)), strict=True))
+        found.append(Cost(degree, first / FIXES_S, fix, fix * FIXES_S / first, outage, mean, peer))
+    return found
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def table(found: list[Cost]) -> str:
+    """Lines for the terminal."""
+    lines = [
+        "microseconds for a second of flight (least of some rounds)",
+        f"{'degree':>8}{'with a fix':>13}{'calls':>7}{'a call':>9}{'no fix':>9}{'its mean':>10}{'satkit, mean':>14}",
+    ]
+    for one in found:
+        lines.append(
+            f"{one.degree:>8}{one.fix_us:>13.1f}{one.calls:>7.1f}{one.call_us:>9.1f}{one.outage_us:>9.1f}"
+            f"{one.mean_us:>10.1f}{one.satkit_us:>14.1f}"
+        )
+    return "\n".join(lines)
