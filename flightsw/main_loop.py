@@ -21,7 +21,7 @@ from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, FlagState, RejectCause, Validity, Verdict
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
-from flightsw.integrity.time_to_flag import look_ahead
+from flightsw.integrity.time_to_flag import predict
 from flightsw.journal import BUS_LOST, BUS_REOPENED, TABLE_SWAPPED, Journal
 from flightsw.link.access import Access
 from flightsw.link.downlink import Downlink, Prediction
@@ -237,19 +237,7 @@ class MainLoop:
     # -- in the slack
 
     def _look_ahead(self) -> None:
-        memory = self.memory
-        look_ahead(
-            memory.nav,
-            memory.table,
-            memory.orientation,
-            memory.forces,
-            memory.field_ahead,
-            memory.work,
-            memory.scratch,
-            memory.ahead,
-            self.counter_ns,
-            self._ahead_steps,
-        )
+        predict(self.memory, self.counter_ns, self._ahead_steps)
 
     # -- last
 

@@ -84,7 +84,7 @@ NAV = np.dtype(
         # at the epoch, or in the middle of a short step that led to it
         ("beyond_mps2", "f8", (3,)),  # acceleration that the model of the publication lacks
         ("drag_mps2", "f8", (3,)),  # drag for a scale of one
-        ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch; flight filter: in the middle of the step that follows
+        ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch; flight filter: half a step on
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
         # epochs since the last accepted fix, a ring, for fixes that arrive late

@@ -6,7 +6,6 @@ least of some rounds, taken in turn: what the machine does when left alone.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from datetime import date
@@ -19,7 +18,7 @@ from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
 from ground.accuracy.flight_model import FlightModel
 from ground.campaign import arc
-from ground.studies.flights import COARSE_TICK_NS, NS, prepare
+from ground.studies.flights import COARSE_TICK_NS, NS, Prepared, prepare
 from ground.tables.forces import build_forces
 from ground.tables.gravity_field import build_gravity_field
 from hil_sim.truth.satkit_data import satkit_time, session
@@ -29,9 +28,9 @@ FIXES_S, OUTAGE_S = 2000, 2000
 ROUNDS = 5
 _SETTLED_S = 10  # of an outage, before it is timed: the grid has its long steps by then
 _SCENARIO = "two_orbits"
+_DAY = date(2003, 6, 1)  # its ticks find the fix of their own second
 _SETTINGS = (
     "flight.table_set=flight",
-    "time.start=2003-06-01T00:00:00.6",  # ticks find the fix of their own second
     f"time.duration_s={FIXES_S + 60}",
     f"outage.0.start_s={FIXES_S}",
     "outage.0.duration_s=60",
@@ -56,45 +55,57 @@ class Cost(NamedTuple):
 
 def measure(degrees: tuple[int, ...] = DEGREES, gravity: Path | None = None, rounds: int = ROUNDS) -> list[Cost]:
     """Fly and time. gravity: an ICGEM file; None takes the packaged field. Raises OperatorError."""
-    prepared = prepare(_SCENARIO, _SETTINGS, COARSE_TICK_NS)
+    prepared = prepare(_SCENARIO, (*_SETTINGS, f"time.start={_DAY}T00:00:00.6"), COARSE_TICK_NS)
+    return [_measure_degree(prepared, degree, gravity, rounds) for degree in degrees]
+
+
+def _measure_degree(prepared: Prepared, degree: int, gravity: Path | None, rounds: int) -> Cost:
     inputs, ticks = prepared.inputs
-    first = int(np.searchsorted(ticks, FIXES_S, "right"))
+    calls = int(np.searchsorted(ticks, FIXES_S, "right"))
     blank = np.zeros(_SETTLED_S + OUTAGE_S, inputs.dtype)
-    blank["counter_now_ns"] = inputs["counter_now_ns"][first - 1] + np.arange(1, len(blank) + 1) * NS
-    start_gps_ns = int(prepared.world.t_start_gps_ns)
-    day = date.fromisoformat(_SETTINGS[1].split("=")[1][:10])
-    found = []
-    for degree in degrees:
-        model = FlightModel(prepared.orientation.values, gravity, {"degree": degree}, day)
-        field = decode(build_gravity_field(gravity, degree)).values
-        forces = decode(build_forces({"degree": degree}, day=day)).values
-        x = np.concatenate((prepared.world.r_true_gcrf_m[0], prepared.world.v_true_gcrf_mps[0]))
-        best = [math.inf] * 4
-        with session(start_gps_ns, start_gps_ns + OUTAGE_S * NS) as satkit:
-            settings = satkit.propsettings(
-                abs_error=1e-8,
-                rel_error=1e-10,
-                gravity_degree=min(degree, 70),
-                gravity_model=satkit.gravmodel.egm2008,
-                enable_interp=False,
-                require_eop_coverage=True,
+    blank["counter_now_ns"] = inputs["counter_now_ns"][calls - 1] + np.arange(1, len(blank) + 1) * NS
+    navigation, orientation = prepared.table().values, prepared.orientation.values
+    forces = decode(build_forces({"degree": degree}, day=_DAY)).values
+    field = decode(build_gravity_field(gravity, degree)).values
+    model = FlightModel(orientation, gravity, {"degree": degree}, _DAY)
+    t_gps_ns = int(prepared.world.t_start_gps_ns)
+    x = np.concatenate((prepared.world.r_true_gcrf_m[0], prepared.world.v_true_gcrf_mps[0]))
+
+    with session(t_gps_ns, t_gps_ns + OUTAGE_S * NS) as satkit:
+        settings = satkit.propsettings(
+            abs_error=1e-8,
+            rel_error=1e-10,
+            gravity_degree=min(degree, 70),
+            gravity_model=satkit.gravmodel.egm2008,
+            enable_interp=False,
+            require_eop_coverage=True,
+        )
+        instant = satkit_time(satkit, t_gps_ns)
+
+        def once() -> tuple[float, ...]:
+            memory = Memory()
+            memory.load(navigation, orientation)
+            memory.load_forces(forces, field)
+            fixes_s = _seconds(lambda: arc.fly(memory, inputs[:calls]))
+            arc.fly(memory, blank[:_SETTLED_S])
+            return (
+                fixes_s,
+                _seconds(lambda: arc.fly(memory, blank[_SETTLED_S:])),
+                _seconds(lambda: model.propagate(t_gps_ns, x, OUTAGE_S * NS)),
+                _seconds(lambda: satkit.propagate(x, instant, duration_secs=float(OUTAGE_S), propsettings=settings)),
             )
-            instant = satkit_time(satkit, start_gps_ns)
-            for _ in range(rounds + 1):  # the first of them compiles what is not compiled yet
-                memory = Memory()
-                memory.load(prepared.table().values, prepared.orientation.values)
-                memory.load_forces(forces, field)
-                spent = (
-                    _seconds(lambda: arc.fly(memory, inputs[:first])),
-                    _seconds(lambda: arc.fly(memory, blank[:_SETTLED_S])),
-                    _seconds(lambda: arc.fly(memory, blank[_SETTLED_S:])),
-                    _seconds(lambda: model.propagate(start_gps_ns, x, OUTAGE_S * NS)),
-                    _seconds(lambda: satkit.propagate(x, instant, duration_secs=float(OUTAGE_S), propsettings=settings)),
-                )
-                best = [min(pair) for pair in zip(best, (spent[0], *spent[2:]), strict=True)]
-        fix, outage, mean, peer = (1e6 * s / n for s, n in zip(best, (FIXES_S, *3 * (OUTAGE_S,)), strict=True))
-        found.append(Cost(degree, first / FIXES_S, fix, fix * FIXES_S / first, outage, mean, peer))
-    return found
+
+        once()  # compiles what is not compiled yet
+        fix_s, outage_s, mean_s, satkit_s = np.min([once() for _ in range(rounds)], axis=0)
+    return Cost(
+        degree,
+        calls / FIXES_S,
+        1e6 * fix_s / FIXES_S,
+        1e6 * fix_s / calls,
+        1e6 * outage_s / OUTAGE_S,
+        1e6 * mean_s / OUTAGE_S,
+        1e6 * satkit_s / OUTAGE_S,
+    )
 
 
 def _seconds(work: Callable[[], object]) -> float:

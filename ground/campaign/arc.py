@@ -27,12 +27,14 @@ def _fly(nav, inputs, table, orientation, forces, field, work, scratch, outputs)
         step(nav, inputs[at], table, orientation, forces, field, work, scratch, outputs[at])
 
 
-def fly(memory: Memory, inputs: np.ndarray) -> np.ndarray:
+def fly(memory: Memory, inputs: np.ndarray, outputs: np.ndarray | None = None) -> np.ndarray:
     """Fly a whole arc from the state in `memory`.
 
-    Args: inputs (n,) of `records.INPUT`, in order of time. Returns (n,) of `records.OUTPUT`, one for each.
+    Args: inputs (n,) of `records.INPUT`, in order of time; outputs (n,) of `records.OUTPUT` to fill. Returns them,
+    or new ones: one for each input.
     """
-    outputs = np.zeros(len(inputs), OUTPUT)
+    if outputs is None:
+        outputs = np.zeros(len(inputs), OUTPUT)
     _fly(
         memory.nav,
         inputs,

@@ -14,8 +14,9 @@ import numpy as np
 
 from flightsw.icd.enums import Governing
 from flightsw.icd.table_file import TableImage, decode
-from flightsw.integrity.time_to_flag import look_ahead
+from flightsw.integrity.time_to_flag import predict
 from flightsw.memory import Memory
+from flightsw.records import OUTPUT
 from ground.campaign import arc, flown, store
 from ground.campaign.ensemble import Draw, Ensemble, draw
 from ground.campaign.outage import LIMITS_M, TICK_NS, Arrays, Flight, load, measure
@@ -25,7 +26,6 @@ LONGEST_S = 86_400.0
 BEYOND = 1.3
 ASKED_AT_S = 60.0  # of an outage; also at its loss, and at half of what is foretold then
 QUICK_LONGEST_S = 7200.0
-_AT_ONCE = 10**9  # steps of a prediction: all of it
 
 
 def ensemble_of(ensemble: Ensemble, quick: bool = False) -> Ensemble:
@@ -63,14 +63,14 @@ def fly(flight: Flight, run: int) -> Arrays:
     # A tick a second. The first of the outage still uses the last fix.
     lost_tick = round(drawn.acquisition_s)
     asked_s, foretold_s = np.full((3, len(LIMITS_M)), np.nan), np.full((3, len(LIMITS_M)), np.nan)
-    parts: list[np.ndarray] = []
+    outputs = np.zeros(len(inputs), OUTPUT)
     done = 0
 
     def go_to(age_s: float) -> int:
         nonlocal done
         stop = int(np.searchsorted(ticks, lost_tick + round(age_s), "right"))
         if stop > done:
-            parts.append(arc.fly(memory, inputs[done:stop]))
+            arc.fly(memory, inputs[done:stop], outputs[done:stop])
             done = stop
         return int(inputs["counter_now_ns"][done - 1])
 
@@ -85,9 +85,8 @@ def fly(flight: Flight, run: int) -> Arrays:
             counter_ns = go_to(half_s)
             foretold_s[2, k] = ask(memory, limits[k], counter_ns)
             asked_s[2, k] = half_s
-    parts.append(arc.fly(memory, inputs[done:]))
-    outputs = flown.last_of_tick(np.concatenate(parts), ticks)
-    return measure(flight.ensemble, drawn, world, outputs) | {
+    arc.fly(memory, inputs[done:], outputs[done:])
+    return measure(flight.ensemble, drawn, world, flown.last_of_tick(outputs, ticks)) | {
         "asked_s": asked_s,
         "foretold_s": foretold_s,
         "planned_s": np.array(drawn.outage_s),
@@ -116,18 +115,7 @@ def ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     held = memory.table.copy()
     memory.load_navigation(limit.values)
     memory.ahead.view(np.uint8)[:] = 0
-    look_ahead(
-        memory.nav,
-        memory.table,
-        memory.orientation,
-        memory.forces,
-        memory.field_ahead,
-        memory.work,
-        memory.scratch,
-        memory.ahead,
-        counter_ns,
-        _AT_ONCE,
-    )
+    predict(memory, counter_ns)
     memory.load_navigation(held)
     if not memory.ahead["valid"][0]:
         return math.nan

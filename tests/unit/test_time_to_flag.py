@@ -19,7 +19,7 @@ from flight_bench import (
 
 from flightsw.icd.enums import FlagState, Governing
 from flightsw.icd.table_file import decode
-from flightsw.integrity.time_to_flag import look_ahead
+from flightsw.integrity.time_to_flag import predict
 from flightsw.memory import Memory
 from ground.tables.forces import build_forces
 from ground.tables.gravity_field import build_gravity_field
@@ -30,21 +30,6 @@ FIXED_S = 120
 
 def truth(t_gps_ns):
     return two_body(ORBIT, t_gps_ns)
-
-
-def predict(memory: Memory, counter_ns: int, steps: int = 100_000) -> None:
-    look_ahead(
-        memory.nav,
-        memory.table,
-        memory.orientation,
-        memory.forces,
-        memory.field_ahead,
-        memory.work,
-        memory.scratch,
-        memory.ahead,
-        counter_ns,
-        steps,
-    )
 
 
 def flying(name: str, **overrides: float) -> tuple[Memory, np.ndarray]:
