@@ -21,7 +21,6 @@ from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, FlagState, RejectCause, Validity, Verdict
 from flightsw.icd.table_file import TableImage
 from flightsw.icd.table_schema import SCHEMAS
-from flightsw.integrity.time_to_flag import predict
 from flightsw.journal import BUS_LOST, BUS_REOPENED, TABLE_SWAPPED, Journal
 from flightsw.link.access import Access
 from flightsw.link.downlink import Downlink, Prediction
@@ -237,7 +236,7 @@ class MainLoop:
     # -- in the slack
 
     def _look_ahead(self) -> None:
-        predict(self.memory, self.counter_ns, self._ahead_steps)
+        self.memory.predict(self.counter_ns, self._ahead_steps)
 
     # -- last
 

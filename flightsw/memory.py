@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from flightsw.integrity.time_to_flag import look_ahead
 from flightsw.kernels.spherical_harmonics import load_field
 from flightsw.records import (
     AHEAD,
@@ -23,6 +24,8 @@ from flightsw.records import (
 )
 
 _DEGREE_AHEAD = 8
+
+WHOLE = 10**9  # steps of a prediction: to its end
 
 
 class Memory:
@@ -104,6 +107,21 @@ class Memory:
         if not loaded:
             asked, given = int(self.forces["degree"][0]), int(source["degree"][0])
             raise ValueError(f"forces of degree {asked} on a gravity field of degree {given}")
+
+    def predict(self, counter_now_ns: int, steps: int = WHOLE) -> None:
+        """At most so many steps of a prediction of the flag from here, into `ahead`."""
+        look_ahead(
+            self.nav,
+            self.table,
+            self.orientation,
+            self.forces,
+            self.field_ahead,
+            self.work,
+            self.scratch,
+            self.ahead,
+            counter_now_ns,
+            steps,
+        )
 
     def share_tables(self, other: Memory) -> None:
         """Fly the tables of another memory: its images, not copies of them."""

@@ -81,9 +81,8 @@ NAV = np.dtype(
         ("UD_ahead", "f8", (STATES, STATES)),
         ("covariance", "f8", (MEASUREMENTS, MEASUREMENTS)),  # of (r, v) as published, with stamp and antenna
         ("unmodelled", "i8"),  # a step since the last fix went without the force model
-        # at the epoch, or in the middle of a short step that led to it
-        ("beyond_mps2", "f8", (3,)),  # acceleration that the model of the publication lacks
-        ("drag_mps2", "f8", (3,)),  # drag for a scale of one
+        ("beyond_mps2", "f8", (3,)),  # acceleration that the model of the publication lacks, at the epoch (dynamics.py)
+        ("drag_mps2", "f8", (3,)),  # drag for a scale of one, there
         ("gradient_ps2", "f8", (3, 3)),  # of gravity at the epoch; flight filter: half a step on
         ("pole", "f8", (3,)),  # Earth's pole in GCRF
         ("row", "i8"),  # tuning row in force: that of the last accepted fix
@@ -270,11 +269,9 @@ WORK = np.dtype(
         ("rtn", "f8", (3, 3)),  # columns: radial, along-track, cross-track unit vectors in GCRF
         ("empirical_sigma_mps2", "f8"),  # at the radius of the step
         ("drag_scale", "f8"),  # at its start
-        *((name, "f8", (3,)) for name in ("empirical_rtn", "small_mps2")),
+        *((name, "f8", (3,)) for name in ("empirical_rtn", "small_mps2", "split_beyond_mps2", "split_drag_mps2")),
+        ("split", "i8"),  # the last step left in split_... what the forces were in its middle
         ("x_model", "f8", (STATES,)),
-        ("split", "i8"),  # the last step left in the next two what the forces were in its middle
-        ("split_beyond_mps2", "f8", (3,)),
-        ("split_drag_mps2", "f8", (3,)),
         # the paper's filter
         ("phi", "f8", (PAPER_STATES, PAPER_STATES)),
         ("square", "f8", (PAPER_STATES, PAPER_STATES)),
@@ -284,8 +281,7 @@ WORK = np.dtype(
         # the flight filter
         ("motion", "f8", (6, DYNAMIC_STATES)),  # transition of r and v
         ("decay", "f8", (STATES,)),  # of the states that only decay
-        ("turn_cos", "f8"),  # rotation of the orbit-periodic pairs over the step
-        ("turn_sin", "f8"),
+        *((name, "f8") for name in ("turn_cos", "turn_sin")),  # of the orbit-periodic pairs over the step
         ("W", "f8", (STATES, NOISE_WIDTH)),
         ("q", "f8", (NOISE_WIDTH,)),
         ("scaled", "f8", (NOISE_WIDTH,)),

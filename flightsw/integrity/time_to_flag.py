@@ -19,13 +19,10 @@ from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 from flightsw.integrity.failure_flag import driving
 from flightsw.kernels import gravity
 from flightsw.kernels.registry import I8, entry, frozen_records, kernel, records
-from flightsw.memory import Memory
 from flightsw.nav import clock, dynamics, flight_filter, flight_model, manoeuvre
 from flightsw.nav.dynamics import Model
 from flightsw.nav.filter import transition
 from flightsw.records import AHEAD, FIELD, FORCE_TABLE, FORCE_WORK, NAV, ORIENTATION, TABLE, WORK
-
-WHOLE = 10**9  # steps of a prediction: to its end
 
 _RAISED = int(FlagState.RAISED)
 _BOUND = int(Governing.BOUND)
@@ -179,19 +176,3 @@ def look_ahead(
             return
         _begin(nav, table, ahead, now_gps_ns)
     _go_on(nav, table, model, ahead, work, steps)
-
-
-def predict(memory: Memory, counter_now_ns: int, steps: int = WHOLE) -> None:
-    """`look_ahead` with the records of a memory, which it leaves in memory.ahead."""
-    look_ahead(
-        memory.nav,
-        memory.table,
-        memory.orientation,
-        memory.forces,
-        memory.field_ahead,
-        memory.work,
-        memory.scratch,
-        memory.ahead,
-        counter_now_ns,
-        steps,
-    )

@@ -14,7 +14,6 @@ import numpy as np
 
 from flightsw.icd.enums import Governing
 from flightsw.icd.table_file import TableImage, decode
-from flightsw.integrity.time_to_flag import predict
 from flightsw.memory import Memory
 from flightsw.records import OUTPUT
 from ground.campaign import arc, flown, store
@@ -115,7 +114,7 @@ def ask(memory: Memory, limit: TableImage, counter_ns: int) -> float:
     held = memory.table.copy()
     memory.load_navigation(limit.values)
     memory.ahead.view(np.uint8)[:] = 0
-    predict(memory, counter_ns)
+    memory.predict(counter_ns)
     memory.load_navigation(held)
     if not memory.ahead["valid"][0]:
         return math.nan

@@ -25,7 +25,6 @@ from harness import Flight, load
 from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
 from flightsw.icd.enums import BurnFrame, FlagState, Governing, Mode, Validity, Verdict
 from flightsw.icd.table_file import decode
-from flightsw.integrity.time_to_flag import predict
 from flightsw.memory import Memory
 from flightsw.records import ENVELOPE
 from ground.tables.build import build_navigation
@@ -156,7 +155,7 @@ def test_the_time_to_flag_ends_at_the_certified_age() -> None:
     inputs = steady_calls(60, truth)
     finish(run(memory, inputs))
     for _ in range(1000):
-        predict(memory, int(inputs["counter_now_ns"][-1]), 10)
+        memory.predict(int(inputs["counter_now_ns"][-1]), 10)
         if memory.ahead["valid"][0]:
             break
     assert memory.ahead["governing"][0] == Governing.CERTIFIED_AGE

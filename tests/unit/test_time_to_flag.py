@@ -19,7 +19,6 @@ from flight_bench import (
 
 from flightsw.icd.enums import FlagState, Governing
 from flightsw.icd.table_file import decode
-from flightsw.integrity.time_to_flag import predict
 from flightsw.memory import Memory
 from ground.tables.forces import build_forces
 from ground.tables.gravity_field import build_gravity_field
@@ -76,7 +75,7 @@ def test_the_flag_rises_when_it_was_predicted(name, overrides):
         finish(run(memory, inputs[done:age_s]))
         done = age_s
         memory.ahead["valid"] = memory.ahead["running"] = 0
-        predict(memory, int(inputs["counter_now_ns"][max(age_s - 1, 0)]))
+        memory.predict(int(inputs["counter_now_ns"][max(age_s - 1, 0)]))
         assert ahead.valid
         assert ahead.governing == Governing.BOUND
         predicted_s = (ahead.t_flag_gps_ns - T0_GPS_NS) / NS - (FIXED_S - 1)
@@ -87,12 +86,12 @@ def test_a_prediction_in_slices_is_the_same_and_changes_nothing_else():
     memory, inputs = flying("paper", limit_m=500.0, clear_limit_m=250.0)
     counter_ns = int(inputs["counter_now_ns"][0])
     before = memory.nav.copy()
-    predict(memory, counter_ns)
+    memory.predict(counter_ns)
     at_once = memory.ahead.copy()
     memory.ahead.view(np.uint8)[:] = 0
     slices = 0
     while not memory.ahead["valid"][0]:
-        predict(memory, counter_ns, 7)
+        memory.predict(counter_ns, 7)
         slices += 1
     assert slices > 3
     assert memory.ahead.tobytes() == at_once.tobytes()
@@ -102,17 +101,17 @@ def test_a_prediction_in_slices_is_the_same_and_changes_nothing_else():
 def test_it_is_made_anew_when_it_is_old_and_not_before():
     memory, inputs = flying("paper", limit_m=500.0, clear_limit_m=250.0)
     counter_ns = int(inputs["counter_now_ns"][0])
-    predict(memory, counter_ns)
+    memory.predict(counter_ns)
     first = memory.ahead.copy()
-    predict(memory, counter_ns + 20 * NS)
+    memory.predict(counter_ns + 20 * NS)
     assert memory.ahead.tobytes() == first.tobytes()
-    predict(memory, counter_ns + 26 * NS)
+    memory.predict(counter_ns + 26 * NS)
     assert memory.ahead["t_result_gps_ns"][0] - first["t_result_gps_ns"][0] == 26 * NS
 
 
 def test_nothing_is_said_before_there_is_a_state():
     memory = loaded_memory("paper")
-    predict(memory, 0)
+    memory.predict(0)
     assert not memory.ahead["valid"][0]
     assert memory.ahead["governing"][0] == Governing.NOT_READY
 
@@ -120,7 +119,7 @@ def test_nothing_is_said_before_there_is_a_state():
 def test_a_raised_flag_leaves_no_time():
     memory, inputs = flying("paper", limit_m=500.0, clear_limit_m=250.0)
     left_s = int(flag_after_s(memory, inputs))
-    predict(memory, int(inputs["counter_now_ns"][left_s]))
+    memory.predict(int(inputs["counter_now_ns"][left_s]))
     assert memory.ahead["governing"][0] == Governing.FLAG
     assert memory.ahead["t_flag_gps_ns"][0] <= T0_GPS_NS + (FIXED_S + left_s) * NS
 
@@ -128,7 +127,7 @@ def test_a_raised_flag_leaves_no_time():
 def test_a_table_that_saturates_is_seen_to_the_horizon_and_no_further():
     """GIVEN Table 1, whose bound settles at 494 m THEN no time is invented: the horizon governs."""
     memory, inputs = flying("paper_table1", ahead_horizon_s=3000.0)
-    predict(memory, int(inputs["counter_now_ns"][0]))
+    memory.predict(int(inputs["counter_now_ns"][0]))
     assert memory.ahead["governing"][0] == Governing.HORIZON
     last_fix_s = FIXED_S - 1
     seen_s = (memory.ahead["t_flag_gps_ns"][0] - T0_GPS_NS) / NS - last_fix_s
@@ -137,6 +136,6 @@ def test_a_table_that_saturates_is_seen_to_the_horizon_and_no_further():
 
 def test_without_a_refresh_time_there_is_no_prediction():
     memory, inputs = flying("paper", ahead_refresh_s=0.0)
-    predict(memory, int(inputs["counter_now_ns"][0]))
+    memory.predict(int(inputs["counter_now_ns"][0]))
     assert not memory.ahead["valid"][0]
     assert not memory.ahead["running"][0]
