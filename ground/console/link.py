@@ -160,7 +160,7 @@ class UdpLink:
         self._decoder = FrameDecoder(verifier)
         self.statistics = self._decoder.statistics
         try:
-            self._socket = _listen(host, port)
+            self._socket = listen(host, port)
         except OSError as error:
             busy = error.errno == errno.EADDRINUSE
             remedy = "another console runs there? " if busy else ""
@@ -214,7 +214,8 @@ class UdpLink:
         self._socket.close()
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def listen(host: str, port: int) -> socket.socket:
+    """A UDP socket that never blocks, with room for a burst."""
     family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     listener = socket.socket(family, socket.SOCK_DGRAM)
     try:

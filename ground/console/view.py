@@ -278,7 +278,7 @@ class ConsoleApp(App[None]):
 
     def _may_order(self) -> bool:
         if self.operator is None:
-            self._say(5, "a log cannot be commanded")
+            self._say(5, "this console only reads" if self.link.live else "a log cannot be commanded")
             self.redraw()
         return self.operator is not None
 
