@@ -2,7 +2,8 @@
 
 numba's own cache looks at the file of a function only: it does not notice an edit in a callee's file, and it
 serves kernels without bounds checks to a run that asked for them. The folder is therefore keyed by everything
-that decides the machine code, and a change of any of it starts from an empty folder.
+that decides the machine code, and a change of any of it starts from an empty folder. Within it nothing depends on
+where the package lies (`cache_locator.py`): a second copy of the same sources finds its kernels compiled.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("kernels", "nav", "integrity")
+_LOCATORS = "flightsw.kernels.cache_locator.PackageLocator,UserProvidedCacheLocator"
 _COMPILED_FILES = ("records.py", "modes.py", "icd/alerts.py", "icd/enums.py", "icd/table_schema.py")
 
 
@@ -54,6 +56,8 @@ def configure() -> Path:
     """Point numba at the folder; must run before the first kernel is declared."""
     folder = cache_folder()
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = _LOCATORS
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+        sys.modules["numba"].config.CACHE_LOCATOR_CLASSES = _LOCATORS
     return folder

@@ -120,16 +120,9 @@ def empirical_sigma_mps2(table, x):
 
 
 @kernel
-def set_transition(table, x, dt_s, drag_mps2, gradient, work):
-    """How r and v follow from the states before, into work.motion, and the decays of the others.
-
-    Also the steady sigma of the empirical accelerations and the scale of drag, which drive their noise in `predict`.
-    """
+def set_motion(dt_s, gradient, work):
+    """How r and v follow from r and v after dt, into the first six columns of work.motion."""
     motion = work.motion
-    work.drag_scale = max(1.0 + x[_DRAG] + x[_DRAG + 1], _LEAST_DRAG_SCALE)
-    work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
-    basis = work.rtn
-    rtn_basis(x, basis)
     half = 0.5 * dt_s * dt_s
     for i in range(3):
         for j in range(3):
@@ -141,6 +134,20 @@ def set_transition(table, x, dt_s, drag_mps2, gradient, work):
         motion[i, i] += 1.0
         motion[i, 3 + i] += dt_s
         motion[3 + i, 3 + i] += 1.0
+
+
+@kernel
+def set_transition(table, x, dt_s, drag_mps2, gradient, work):
+    """How r and v follow from the states before, into work.motion, and the decays of the others.
+
+    Also the steady sigma of the empirical accelerations and the scale of drag, which drive their noise in `predict`.
+    """
+    motion = work.motion
+    work.drag_scale = max(1.0 + x[_DRAG] + x[_DRAG + 1], _LEAST_DRAG_SCALE)
+    work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
+    basis = work.rtn
+    rtn_basis(x, basis)
+    set_motion(dt_s, gradient, work)
     to_r = _position_response(dt_s, table.empirical_tau_s)
     to_v = _velocity_response(dt_s, table.empirical_tau_s)
     for i in range(3):

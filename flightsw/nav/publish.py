@@ -55,13 +55,41 @@ def _nothing(out):
 
 
 @kernel
-def _covariance(nav, table, out):
-    """Covariance of the newest epoch, and the drag scale that is estimated beside it."""
-    flying = table.filter_model == flight_model.FLIGHT
+def _covariance(nav, table, t_gps_ns, work, out):
+    """Covariance of the published (r, v), and the drag scale that is estimated beside it.
+
+    The flight filter's is carried from the newest epoch to the stamp, up to a step of an outage: where the error lies
+    along the track, its direction counts. The noise of so short a time does not, but for that of the clock.
+    """
+    if table.filter_model != flight_model.FLIGHT:
+        for i in range(MEASUREMENTS):
+            for j in range(MEASUREMENTS):
+                out.covariance[i, j] = nav.P[i, j]
+        out.drag_scale = 1.0
+        return
+    out.drag_scale = 1.0 + nav.x[9] + nav.x[10]
+    flight_model.set_motion((t_gps_ns - nav.t_gps_ns) * 1e-9, nav.gradient_ps2, work)
+    r2 = out.r_gcrf_m[0] ** 2 + out.r_gcrf_m[1] ** 2 + out.r_gcrf_m[2] ** 2
+    rate = work.column  # of (r, v), by a sphere
+    for i in range(3):
+        rate[i] = out.v_gcrf_mps[i]
+        rate[3 + i] = -table.mu_m3ps2 / (r2 * math.sqrt(r2)) * out.r_gcrf_m[i]
+    since_s2 = clock.phase_variance_s2(nav, table, t_gps_ns) - clock.phase_variance_s2(nav, table, nav.t_gps_ns)
+    half = work.square  # motion times covariance
     for i in range(MEASUREMENTS):
         for j in range(MEASUREMENTS):
-            out.covariance[i, j] = nav.covariance[i, j] if flying else nav.P[i, j]
-    out.drag_scale = 1.0 + nav.x[9] + nav.x[10] if flying else 1.0
+            total = 0.0
+            for k in range(MEASUREMENTS):
+                total += work.motion[i, k] * nav.covariance[k, j]
+            half[i, j] = total
+    for i in range(MEASUREMENTS):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(MEASUREMENTS):
+                total += half[i, k] * work.motion[j, k]
+            total += since_s2 * rate[i] * rate[j]
+            out.covariance[i, j] = total
+            out.covariance[j, i] = total
 
 
 @kernel
@@ -114,7 +142,7 @@ def publish(nav, table, model, t_gps_ns, work, out):
     if nav.clock_valid and nav.initialised:
         out.validity |= _HAS_STATE
         _state_at(nav, table, t_gps_ns, work, out)
-        _covariance(nav, table, out)
+        _covariance(nav, table, t_gps_ns, work, out)
         out.fix_age_s = (t_gps_ns - nav.t_fix_gps_ns) * 1e-9
         out.outage_age_s = out.fix_age_s if out.fix_age_s > table.autonomous_after_s else 0.0
         if is_overdue(nav, table, t_gps_ns):

@@ -128,6 +128,7 @@ RULES = (
         ("flightsw/nav/step.py", "from flightsw.journal import Journal"),
         {
             "flightsw/kernels/kernel_cache.py": "finds and names the cache folder before numba is imported",
+            "flightsw/kernels/cache_locator.py": "names the place of a file in that folder, for numba",
             "flightsw/crosslink/declare.py": "hashes the sources of its room for numba's cache",
             "flightsw/crosslink/setup.py": "settings of a monitor, before any tick",
             "flightsw/gnss/declare.py": "hashes the sources of its room for numba's cache",
@@ -158,7 +159,13 @@ RULES = (
         "console, tables and interface know of flight the contract only",
         ("ground/console/", "ground/tables/", "ground/icdgen/", "ground/__main__.py", "ground/errors.py"),
         of_ours_only(
-            "ground.console", "ground.tables", "ground.icdgen", "ground.errors", "ground.__main__", "flightsw.icd"
+            "ground.console",
+            "ground.tables",
+            "ground.icdgen",
+            "ground.errors",
+            "ground.workers",
+            "ground.__main__",
+            "flightsw.icd",
         ),
         ("ground/console/view.py", "from flightsw.kernels.registry import warm_up"),
     ),

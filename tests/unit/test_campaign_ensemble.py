@@ -143,7 +143,10 @@ def test_a_run_flies_and_its_figures_agree_with_each_other() -> None:
     values = decode(build_navigation("flight")).values
     grown_m = float(values["k_axis"][0]) * figures["sigma_m"].max(axis=1)
     held_m = float(values["fixes_margin"][0]) * grown_m[0]
-    assert figures["bound_m"] == pytest.approx(np.maximum(grown_m, held_m), rel=0.05)
+    bound_m = np.maximum(grown_m, held_m)
+    assert (figures["bound_m"] > 0.98 * bound_m).all()
+    assert (figures["bound_m"][:3] < 1.02 * bound_m[:3]).all()
+    assert (figures["bound_m"] < 1.1 * bound_m).all()  # it is that of the later end of a step of ten seconds
 
 
 @pytest.mark.compiled
