@@ -239,8 +239,12 @@ def orbit_of_file(
     satellite: str | None = None,
     velocity_unit: str = "auto",
     time_scale: str | None = None,
+    start: datetime | None = None,
 ) -> Orbit:
-    """The orbit of a file, named after it, as far as it is known but for a day at most. Raises OperatorError."""
+    """The orbit of a file, named after it, from its beginning or a later start (GPS time), for a day at most.
+
+    Raises OperatorError.
+    """
     try:
         t_gps_ns = evenly_spaced(path, read_orbit(path, satellite, velocity_unit, time_scale)).t_gps_ns
     except DataError as error:
@@ -252,9 +256,19 @@ def orbit_of_file(
     settings += [] if satellite is None else [f"orbit.satellite={json.dumps(satellite)}"]
     settings += [] if time_scale is None else [f"orbit.time_scale={json.dumps(time_scale.lower())}"]
     name = re.sub(r"[^A-Za-z0-9_.]+", "_", path.name.partition(".")[0]) + ("" if satellite is None else f"_{satellite}")
-    start = datetime(1980, 1, 6) + timedelta(seconds=first_s)
+    epoch = datetime(1980, 1, 6)
+    begins = epoch + timedelta(seconds=first_s)
+    if start is not None:
+        wanted_s = math.ceil((start - epoch).total_seconds())
+        if not first_s <= wanted_s < last_s:
+            ends = epoch + timedelta(seconds=last_s)
+            raise OperatorError(
+                f"--start {start.isoformat()}: {path.name} is known from {begins.isoformat()} to {ends.isoformat()}"
+            )
+        first_s, begins = wanted_s, epoch + timedelta(seconds=wanted_s)
+        name += f"_{begins:%Y%m%dT%H%M}"
     span_s = min(last_s - first_s, LONGEST_S)
-    return Orbit(name, _ANY_FILE, start, span_s, area_to_mass_m2pkg, tuple(settings), str(path.resolve()))
+    return Orbit(name, _ANY_FILE, begins, span_s, area_to_mass_m2pkg, tuple(settings), str(path.resolve()))
 
 
 def chosen_profiles(text: str) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,9 @@ def add_bench(actions: Any) -> None:
         help="of orbit files: m/s, dm/s, km/s, or derive from positions (default auto: found out)",
     )  # fmt: skip
     bench.add_argument("--time-scale", metavar="SCALE", help="of orbit files, instead of their own: gps, utc, tai, tt")
+    bench.add_argument(
+        "--start", metavar="TIME", help="first instant of orbit files that is flown, GPS time, as 2018-12-26T12:00:00"
+    )
     bench.add_argument(
         "--area-to-mass", type=float, metavar="M2PKG",
         help=f"cross-section by mass of the satellites of orbit files [m2/kg] (default {USUAL_AREA_TO_MASS_M2PKG})",
@@ -140,7 +144,13 @@ def _orbit(word: str, args: argparse.Namespace, data: Path) -> Orbit:
         hint = did_you_mean(word, ORBITS)
         raise OperatorError(f"--orbits {word}: neither a file nor one of {', '.join(ORBITS)}{hint}")
     area = USUAL_AREA_TO_MASS_M2PKG if args.area_to_mass is None else args.area_to_mass
-    return orbit_of_file(path, area, args.satellite, args.velocity_unit, args.time_scale)
+    try:
+        start = None if args.start is None else datetime.fromisoformat(args.start)
+    except ValueError:
+        start = datetime.max.replace(tzinfo=UTC)
+    if start is not None and start.tzinfo is not None:
+        raise OperatorError(f"--start {args.start}: give a date and time of GPS time, for example 2018-12-26T12:00:00")
+    return orbit_of_file(path, area, args.satellite, args.velocity_unit, args.time_scale, start)
 
 
 def _all_orbits(data: Path, quick: bool) -> list[Orbit]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +250,23 @@ def test_options_of_orbit_files_reach_the_scenario(tmp_path: Path) -> None:
     assert orbit.span_s == (int(t[-1]) - int(t[0])) // NS
 
 
+def test_an_orbit_file_is_flown_from_a_later_start(tmp_path: Path) -> None:
+    """GIVEN a file WHEN a start within it is given THEN the orbit begins there and is named after it; outside, its span
+    is told."""
+    truth = prepare("two_orbits", ["time.duration_s=6300.0", "outage=[]"], COARSE_TICK_NS).world.truth
+    t = np.arange(truth.t_first_gps_ns, truth.t_last_gps_ns, 60 * NS)
+    path = tmp_path / "x.oem"
+    path.write_text(oem_kvn([(t, *truth.state_gcrf(t))], frame="GCRF", scale="GPS"), encoding="ascii")
+    whole = orbit_of_file(path, 0.02)
+    later = orbit_of_file(path, 0.02, start=whole.start + timedelta(seconds=1000.5))
+    assert (later.start - whole.start).total_seconds() == 1001.0
+    assert later.span_s == whole.span_s - 1001
+    assert later.name == f"x_{later.start:%Y%m%dT%H%M}"
+    for wrong in (whole.start - timedelta(seconds=1), whole.start + timedelta(days=1)):
+        with pytest.raises(OperatorError, match=f"is known from {whole.start.isoformat()}"):
+            orbit_of_file(path, 0.02, start=wrong)
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -259,6 +276,7 @@ def test_options_of_orbit_files_reach_the_scenario(tmp_path: Path) -> None:
         (["--orbits", "simulated", "simulated"], "simulated twice"),
         (["--profiles", "whit"], 'did you mean "white"?'),
         (["--profiles", ","], "--profiles: give one or more of white"),
+        (["--orbits", __file__, "--start", "noon"], "--start noon: give a date and time"),
         (["--jobs", "0"], "--jobs 0: give 1 or more"),
         (["--degree", "1"], "--degree 1: give 2 or more"),
         (["--degree", "500"], "degree: 500 is outside"),
