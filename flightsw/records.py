@@ -200,6 +200,11 @@ INPUT = np.dtype(
         ("command_id", "i8"),  # NavCommand
         ("command_target", "i8"),  # MeasurementType
         ("command_value", "i8"),  # EditMode
+        ("upload_present", "i8"),  # a state from the ground
+        ("upload_gps_ns", "i8"),
+        ("upload_frame", "i8"),  # StateFrame
+        ("upload_x", "f8", (MEASUREMENTS,)),  # r, v
+        ("upload_covariance", "f8", (MEASUREMENTS, MEASUREMENTS)),
     ],
     align=True,
 )
@@ -245,6 +250,8 @@ OUTPUT = np.dtype(
         ("type_gate", "f8", (TYPES,)),
         ("monitor_statistic", "f8"),
         ("monitor_kind", "i8"),  # FaultKind
+        ("upload_cause", "i8"),  # of the state that the ground sent: RejectCause, -1 used, -2 there was none
+        ("upload_nis", "f8"),  # against the state that there was; NaN: none, or not compared
     ],
     align=True,
 )
@@ -291,32 +298,18 @@ WORK = np.dtype(
         ("f", "f8", (3, STATES)),
         ("gain_one", "f8", (STATES,)),
         ("correction", "f8", (STATES,)),
-        ("residual", "f8", (3,)),
-        ("sigma", "f8", (3,)),
-        ("S", "f8", (3, 3)),
-        ("S_lower", "f8", (3, 3)),
-        ("weight", "f8", (3, 3)),
+        *((name, "f8", (3,)) for name in ("residual", "sigma", "lever_m", "three", "node", "momentum")),
+        *((name, "f8", (3, 3)) for name in ("S", "S_lower", "weight", "burn_rtn")),
         ("weight_type", "f8", (TYPES, 3, 3)),
         ("innovation_type", "f8", (TYPES, 3)),
         ("mean_gain", "f8", (TYPES, 2)),  # of r and v by a measurement of each type, mean of the axes
         ("P_rv", "f8", (MEASUREMENTS, MEASUREMENTS)),
-        ("lever_m", "f8", (3,)),
-        ("burn_rtn", "f8", (3, 3)),
-        ("burn_dr_m", "f8", (3,)),
-        ("burn_dv_mps", "f8", (3,)),
-        ("three", "f8", (3,)),
-        ("innovation_p", "f8", (MEASUREMENTS, MEASUREMENTS)),
-        ("lower", "f8", (MEASUREMENTS, MEASUREMENTS)),
-        ("column", "f8", (MEASUREMENTS,)),
-        ("z", "f8", (MEASUREMENTS,)),
-        ("R", "f8", (MEASUREMENTS, MEASUREMENTS)),
-        ("R_pseudo", "f8", (MEASUREMENTS, MEASUREMENTS)),
+        *((name, "f8", (3,)) for name in ("burn_dr_m", "burn_dv_mps")),
+        *((name, "f8", (MEASUREMENTS,)) for name in ("column", "z")),
+        *((name, "f8", (MEASUREMENTS, MEASUREMENTS)) for name in ("innovation_p", "lower", "R", "R_pseudo")),
         ("x", "f8", (STATES,)),
         ("P", "f8", (PAPER_STATES, PAPER_STATES)),
-        ("x_publish", "f8", (STATES,)),
-        ("x_candidate", "f8", (STATES,)),
-        ("node", "f8", (3,)),
-        ("momentum", "f8", (3,)),
+        *((name, "f8", (STATES,)) for name in ("x_publish", "x_candidate")),
     ],
     align=True,
 )

@@ -54,6 +54,8 @@ class AlertId(IntEnum):
     TABLE_ROLLED_BACK = 26
     FLAG_DISARMED = 27
     LINK_REFUSED = 28
+    STATE_UPLOADED = 29
+    UPLOAD_REFUSED = 30
 
 
 class Alert(NamedTuple):
@@ -94,6 +96,8 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.TABLE_ROLLED_BACK, Severity.ALERT, "New navigation table failed: old one flies again"),
         Alert(AlertId.FLAG_DISARMED, Severity.WARNING, "Failure flag disarmed: state not guarded"),
         Alert(AlertId.LINK_REFUSED, Severity.WARNING, "Commands refused: signature or address wrong"),
+        Alert(AlertId.STATE_UPLOADED, Severity.NOTICE, "State from the ground taken: not certified"),
+        Alert(AlertId.UPLOAD_REFUSED, Severity.WARNING, "State from the ground refused"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

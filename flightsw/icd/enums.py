@@ -91,6 +91,13 @@ class BurnFrame(IntEnum):
     RTN = 1  # radial, along-track, cross-track at each instant of the burn
 
 
+class StateFrame(IntEnum):
+    """Axes of a state that the ground sends (telemetry, `frame` of LEONAV_STATE_UPLOAD)."""
+
+    GCRF = 0
+    ITRF = 1  # velocity as seen from the turning Earth
+
+
 class NavCommand(IntEnum):
     """What navigation is told to do (DBC signal `command` of NAV_COMMAND)."""
 
@@ -167,6 +174,7 @@ class RejectCause(IntEnum):
     ATTITUDE_INVALID = 27
     COMMAND_INVALID = 28
     STARTING = 29  # good, but aiding starts only after several good fixes in a row
+    UPLOAD_INVALID = 30  # a state from the ground that is none, or not for the filter that flies
 
 
 REJECT_CAUSES = 32  # length of the counter array on the link; causes beyond it need a new message

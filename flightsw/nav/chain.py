@@ -134,12 +134,6 @@ def settle(nav, table, model, work):
 @kernel
 def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
     """State and covariance from the fix in work.z: the paper's start, dA = 0."""
-    nav.initialised = 1
-    work.split = 0
-    nav.t_gps_ns = t_gps_ns
-    nav.t_fix_gps_ns = t_gps_ns
-    nav.t_start_gps_ns = t_gps_ns
-    nav.t_evaluated_gps_ns = min(nav.t_evaluated_gps_ns, t_gps_ns - 1)
     nav.x[:] = 0.0
     for i in range(MEASUREMENTS):
         nav.x[i] = work.z[i]
@@ -152,6 +146,27 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
             nav.P[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
             nav.P[6 + i, 6 + i] = (table.da_max_mps2 / 3.0) ** 2
         nav.P_bound[:, :] = nav.P
+    _begin(nav, table, model, t_gps_ns, t_gps_ns, row, work)
+
+
+@kernel
+def start_aside(nav, table, model, t_gps_ns, t_fix_gps_ns, work):
+    """State and covariance of the flight filter from work.x, work.UD, which no fix has made: its age is given."""
+    nav.x[:] = work.x
+    nav.UD[:, :] = work.UD
+    nav.bound_fix_m[:] = 0.0
+    _begin(nav, table, model, t_gps_ns, t_fix_gps_ns, table.tuning_rows - 1, work)
+
+
+@kernel
+def _begin(nav, table, model, t_gps_ns, t_fix_gps_ns, row, work):
+    """What a new state forgets of the one before."""
+    nav.initialised = 1
+    work.split = 0
+    nav.t_gps_ns = t_gps_ns
+    nav.t_fix_gps_ns = t_fix_gps_ns
+    nav.t_start_gps_ns = t_gps_ns
+    nav.t_evaluated_gps_ns = min(nav.t_evaluated_gps_ns, t_gps_ns - 1)
     nav.excluded[:] = 0
     nav.start_count = 0
     nav.monitor_fixes = 0

@@ -15,7 +15,7 @@ from flightsw.icd.enums import EditMode, NavCommand, RejectCause
 from flightsw.integrity import envelope, failure_flag
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
-from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre, monitor
+from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre, monitor, upload
 from flightsw.nav.dynamics import Model
 from flightsw.nav.publish import publish
 from flightsw.records import (
@@ -44,6 +44,8 @@ _BURN_REFUSED = 1 << int(AlertId.BURN_REFUSED)
 _DIVERGED = 1 << int(AlertId.DIVERGED)
 _TIME_JUMP_REJECTED = 1 << int(AlertId.TIME_JUMP_REJECTED)
 _CLOCK_REINITIALISED = 1 << int(AlertId.CLOCK_REINITIALISED)
+_STATE_UPLOADED = 1 << int(AlertId.STATE_UPLOADED)
+_UPLOAD_REFUSED = 1 << int(AlertId.UPLOAD_REFUSED)
 
 
 @kernel
@@ -147,6 +149,20 @@ def _obey(nav, table, inp):
 
 
 @kernel
+def _take_upload(nav, table, model, inp, work, out):
+    """A state from the ground, as start or as correction."""
+    cause = _CLOCK_UNSET
+    if nav.clock_valid:
+        cause = upload.take(nav, table, model, inp, clock.gps_at(nav, inp.counter_now_ns), work, out)
+    out.upload_cause = cause
+    if cause == upload.USED:
+        out.events |= _STATE_UPLOADED
+    else:
+        out.events |= _UPLOAD_REFUSED
+        nav.rejected[cause] += 1
+
+
+@kernel
 def _end_watch(nav, table, model, work, out):
     """Fixes have ended, used or refused: what they spoke for cannot be settled any more.
 
@@ -212,6 +228,8 @@ def step(
         out.type_nis[kind] = math.nan
         out.type_gate[kind] = math.nan
     out.monitor_statistic = 0.0
+    out.upload_cause = flight_filter.ABSENT
+    out.upload_nis = math.nan
 
     if inp.pulse_present:
         _keep_time(nav, table, inp, out)
@@ -225,6 +243,8 @@ def step(
             nav.rejected[cause] += 1
     if inp.burn_present:
         _take_burn(nav, table, model, inp, work, out)
+    if inp.upload_present:
+        _take_upload(nav, table, model, inp, work, out)
     if inp.fix_present:
         _take_fix(nav, table, model, inp, work, out)
     t_now = clock.gps_at(nav, inp.counter_now_ns) if nav.clock_valid else 0
