@@ -30,7 +30,7 @@ from flightsw.link.telemetry import Telemetry
 from flightsw.link.uplink import Port
 from flightsw.memory import Memory
 from flightsw.nav.step import step
-from flightsw.orders import Orders
+from flightsw.orders import NO_STATE, Orders
 from flightsw.publishing import Publisher
 from flightsw.records import OUTPUT
 from flightsw.records_io import RecordReader
@@ -44,6 +44,7 @@ _DISARMED_BIT = 1 << int(AlertId.FLAG_DISARMED)
 _BUS_OFF_BIT = 1 << int(AlertId.BUS_OFF)
 _TRUSTING = (int(Verdict.TRUSTED), int(Verdict.TRUSTED_COASTING))
 _SLIP_BIT = 1 << int(AlertId.TICK_SLIP)
+_NO_UPLOAD = NO_STATE[0]
 _UNCERTIFIED_BIT = 1 << int(AlertId.TABLE_UNCERTIFIED)
 
 
@@ -164,6 +165,8 @@ class MainLoop:
             self.out = out = self.out_reader.read()
             at = self.out_reader.at
             self._happened |= int(out[at["events"]])
+            if out[at["upload_cause"]] != _NO_UPLOAD:
+                self.orders.outcome = (int(out[at["upload_cause"]]), float(out[at["upload_nis"]]))
             if out[at["fix_seen"]]:
                 self.fix_input[:] = call
                 self._fix_output[:] = memory.output

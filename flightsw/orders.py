@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +13,8 @@ from flightsw.memory import Memory
 from flightsw.nav.flight_model import FLIGHT
 from flightsw.sensing.epoch_assembly import EpochAssembly
 from flightsw.tables.service import TableService
+
+NO_STATE = (-2, math.nan)  # what the step says of a tick without a state from the ground
 
 
 class Obeying(Protocol):
@@ -36,13 +40,14 @@ class Obeying(Protocol):
 class Orders:
     """Carries orders out. `upload`: the file of the navigation table that was sent up, None where none can be."""
 
-    __slots__ = ("_assembly", "_loop", "_stage", "upload")
+    __slots__ = ("_assembly", "_loop", "_stage", "outcome", "upload")
 
     def __init__(self, loop: Obeying, assembly: EpochAssembly) -> None:
         self._loop = loop
         self._assembly = assembly
         self.upload: Path | None = None
         self._stage: bool | None = None  # older tables too; None: nothing is to be staged
+        self.outcome = NO_STATE  # of a state that was sent up, told by the loop
 
     # -- what holds now
 
@@ -85,6 +90,15 @@ class Orders:
     def edits_measurements(self) -> bool:
         """Whether the filter that flies edits types of measurements; the paper's does not."""
         return int(self._loop.memory.table["filter_model"][0]) == FLIGHT
+
+    def upload_state(self, t_gps_ns: int, frame: int, state: Sequence[float], covariance: Sequence[float]) -> bool:
+        """Give navigation a state with this tick: (6) and the upper triangle (21); False where the tick is full."""
+        self.outcome = NO_STATE
+        return self._assembly.put_upload(t_gps_ns, frame, state, covariance)
+
+    def upload_outcome(self) -> tuple[int, float]:
+        """What this tick's step said: RejectCause, -1 taken, -2 there was none; NIS against the state there was."""
+        return self.outcome
 
     def arm_flag(self, armed: bool) -> None:
         """Whether a raised flag withdraws the state; a start always arms it."""

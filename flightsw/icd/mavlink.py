@@ -1336,6 +1336,16 @@ enums["LEONAV_GOVERNING"][5] = EnumEntry("LEONAV_GOVERNING_FLAG", """""")
 LEONAV_GOVERNING_ENUM_END = 6
 enums["LEONAV_GOVERNING"][6] = EnumEntry("LEONAV_GOVERNING_ENUM_END", """""")
 
+# LEONAV_STATE_FRAME
+enums["LEONAV_STATE_FRAME"] = Enum()
+enums["LEONAV_STATE_FRAME"].bitmask = False
+LEONAV_STATE_FRAME_GCRF = 0
+enums["LEONAV_STATE_FRAME"][0] = EnumEntry("LEONAV_STATE_FRAME_GCRF", """""")
+LEONAV_STATE_FRAME_ITRF = 1
+enums["LEONAV_STATE_FRAME"][1] = EnumEntry("LEONAV_STATE_FRAME_ITRF", """""")
+LEONAV_STATE_FRAME_ENUM_END = 2
+enums["LEONAV_STATE_FRAME"][2] = EnumEntry("LEONAV_STATE_FRAME_ENUM_END", """""")
+
 # LEONAV_REJECT_CAUSE
 enums["LEONAV_REJECT_CAUSE"] = Enum()
 enums["LEONAV_REJECT_CAUSE"].bitmask = False
@@ -1399,8 +1409,10 @@ LEONAV_REJECT_CAUSE_COMMAND_INVALID = 28
 enums["LEONAV_REJECT_CAUSE"][28] = EnumEntry("LEONAV_REJECT_CAUSE_COMMAND_INVALID", """""")
 LEONAV_REJECT_CAUSE_STARTING = 29
 enums["LEONAV_REJECT_CAUSE"][29] = EnumEntry("LEONAV_REJECT_CAUSE_STARTING", """""")
-LEONAV_REJECT_CAUSE_ENUM_END = 30
-enums["LEONAV_REJECT_CAUSE"][30] = EnumEntry("LEONAV_REJECT_CAUSE_ENUM_END", """""")
+LEONAV_REJECT_CAUSE_UPLOAD_INVALID = 30
+enums["LEONAV_REJECT_CAUSE"][30] = EnumEntry("LEONAV_REJECT_CAUSE_UPLOAD_INVALID", """""")
+LEONAV_REJECT_CAUSE_ENUM_END = 31
+enums["LEONAV_REJECT_CAUSE"][31] = EnumEntry("LEONAV_REJECT_CAUSE_ENUM_END", """""")
 
 # LEONAV_ALERT_ID
 enums["LEONAV_ALERT_ID"] = Enum()
@@ -1461,8 +1473,12 @@ LEONAV_ALERT_ID_FLAG_DISARMED = 27
 enums["LEONAV_ALERT_ID"][27] = EnumEntry("LEONAV_ALERT_ID_FLAG_DISARMED", """Failure flag disarmed: state not guarded""")
 LEONAV_ALERT_ID_LINK_REFUSED = 28
 enums["LEONAV_ALERT_ID"][28] = EnumEntry("LEONAV_ALERT_ID_LINK_REFUSED", """Commands refused: signature or address wrong""")
-LEONAV_ALERT_ID_ENUM_END = 29
-enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_STATE_UPLOADED = 29
+enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_STATE_UPLOADED", """State from the ground taken: not certified""")
+LEONAV_ALERT_ID_UPLOAD_REFUSED = 30
+enums["LEONAV_ALERT_ID"][30] = EnumEntry("LEONAV_ALERT_ID_UPLOAD_REFUSED", """State from the ground refused""")
+LEONAV_ALERT_ID_ENUM_END = 31
+enums["LEONAV_ALERT_ID"][31] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # MAV_CMD
 enums["MAV_CMD"] = Enum()
@@ -1614,6 +1630,8 @@ MAVLINK_MSG_ID_LEONAV_COVARIANCE = 61406
 MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG = 61407
 MAVLINK_MSG_ID_LEONAV_LINK = 61408
 MAVLINK_MSG_ID_LEONAV_TIMING = 61409
+MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
+MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3052,6 +3070,92 @@ class MAVLink_leonav_timing_message(MAVLink_message):
 setattr(MAVLink_leonav_timing_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_state_upload_message(MAVLink_message):
+    """
+    From the ground, signed: a state of the satellite, to start from
+    or to correct by. Fixes are not replaced: the mode stays
+    AUTONOMOUS, and nothing is certified until they are back.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD
+    msgname = "LEONAV_STATE_UPLOAD"
+    fieldnames = ["t_gps_ns", "state", "covariance", "sequence", "target_system", "target_component", "frame"]
+    ordered_fieldnames = ["t_gps_ns", "state", "covariance", "sequence", "target_system", "target_component", "frame"]
+    fieldtypes = ["int64_t", "double", "float", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"frame": "LEONAV_STATE_FRAME"}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns"}
+    native_format = bytearray(b"<qdfIBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 6, 21, 1, 1, 1, 1]
+    array_lengths = [0, 6, 21, 0, 0, 0, 0]
+    crc_extra = 30
+    unpacker = struct.Struct("<q6d21fIBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, state: Sequence[float], covariance: Sequence[float], sequence: int, target_system: int, target_component: int, frame: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_state_upload_message.id, MAVLink_leonav_state_upload_message.msgname)
+        self._fieldnames = MAVLink_leonav_state_upload_message.fieldnames
+        self._instance_field = MAVLink_leonav_state_upload_message.instance_field
+        self._instance_offset = MAVLink_leonav_state_upload_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.state = state
+        self.covariance = covariance
+        self.sequence = sequence
+        self.target_system = target_system
+        self.target_component = target_component
+        self.frame = frame
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.state[0], self.state[1], self.state[2], self.state[3], self.state[4], self.state[5], self.covariance[0], self.covariance[1], self.covariance[2], self.covariance[3], self.covariance[4], self.covariance[5], self.covariance[6], self.covariance[7], self.covariance[8], self.covariance[9], self.covariance[10], self.covariance[11], self.covariance[12], self.covariance[13], self.covariance[14], self.covariance[15], self.covariance[16], self.covariance[17], self.covariance[18], self.covariance[19], self.covariance[20], self.sequence, self.target_system, self.target_component, self.frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_state_upload_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_leonav_state_result_message(MAVLink_message):
+    """
+    What navigation made of LEONAV_STATE_UPLOAD, in the same tick.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_STATE_RESULT
+    msgname = "LEONAV_STATE_RESULT"
+    fieldnames = ["sequence", "nis", "cause"]
+    ordered_fieldnames = ["sequence", "nis", "cause"]
+    fieldtypes = ["uint32_t", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IfB")
+    orders = [0, 1, 2]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 66
+    unpacker = struct.Struct("<IfB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, sequence: int, nis: float, cause: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_state_result_message.id, MAVLink_leonav_state_result_message.msgname)
+        self._fieldnames = MAVLink_leonav_state_result_message.fieldnames
+        self._instance_field = MAVLink_leonav_state_result_message.instance_field
+        self._instance_offset = MAVLink_leonav_state_result_message.instance_offset
+        self.sequence = sequence
+        self.nis = nis
+        self.cause = cause
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.sequence, self.nis, self.cause), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_state_result_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3083,6 +3187,8 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG: MAVLink_leonav_time_to_flag_message,
     MAVLINK_MSG_ID_LEONAV_LINK: MAVLink_leonav_link_message,
     MAVLINK_MSG_ID_LEONAV_TIMING: MAVLink_leonav_timing_message,
+    MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD: MAVLink_leonav_state_upload_message,
+    MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
 }
 
 
@@ -4610,3 +4716,59 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_timing_encode(t_gps_ns, runs, over_budget, slips, budget_us, p50_us, p99_us, p999_us, longest_us, histogram, name, index, count), force_mavlink1=force_mavlink1)
+
+    def leonav_state_upload_encode(self, t_gps_ns: int, state: Sequence[float], covariance: Sequence[float], sequence: int, target_system: int, target_component: int, frame: int) -> MAVLink_leonav_state_upload_message:
+        """
+        From the ground, signed: a state of the satellite, to start from or to
+        correct by. Fixes are not replaced: the mode stays AUTONOMOUS,
+        and nothing is certified until they are back.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the state belongs. [ns] (type:int64_t)
+        state                     : Position [m] and velocity [m/s]. (type:double)
+        covariance                : Upper triangle, row by row, of its covariance [m2, m2/s, m2/s2]. (type:float)
+        sequence                  : Number of the upload, which the answer repeats. (type:uint32_t)
+        target_system             : System. (type:uint8_t)
+        target_component          : Component. (type:uint8_t)
+        frame                     : Axes of state and covariance. (type:uint8_t, values:LEONAV_STATE_FRAME)
+
+        """
+        return MAVLink_leonav_state_upload_message(t_gps_ns, state, covariance, sequence, target_system, target_component, frame)
+
+    def leonav_state_upload_send(self, t_gps_ns: int, state: Sequence[float], covariance: Sequence[float], sequence: int, target_system: int, target_component: int, frame: int, force_mavlink1: bool = False) -> None:
+        """
+        From the ground, signed: a state of the satellite, to start from or to
+        correct by. Fixes are not replaced: the mode stays AUTONOMOUS,
+        and nothing is certified until they are back.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the state belongs. [ns] (type:int64_t)
+        state                     : Position [m] and velocity [m/s]. (type:double)
+        covariance                : Upper triangle, row by row, of its covariance [m2, m2/s, m2/s2]. (type:float)
+        sequence                  : Number of the upload, which the answer repeats. (type:uint32_t)
+        target_system             : System. (type:uint8_t)
+        target_component          : Component. (type:uint8_t)
+        frame                     : Axes of state and covariance. (type:uint8_t, values:LEONAV_STATE_FRAME)
+
+        """
+        self.send(self.leonav_state_upload_encode(t_gps_ns, state, covariance, sequence, target_system, target_component, frame), force_mavlink1=force_mavlink1)
+
+    def leonav_state_result_encode(self, sequence: int, nis: float, cause: int) -> MAVLink_leonav_state_result_message:
+        """
+        What navigation made of LEONAV_STATE_UPLOAD, in the same tick.
+
+        sequence                  : Number of the upload. (type:uint32_t)
+        nis                       : Squared Mahalanobis distance (6 degrees of freedom) from the state there was; NaN where it was not compared. (type:float)
+        cause                     : LEONAV_REJECT_CAUSE, 255: taken. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_state_result_message(sequence, nis, cause)
+
+    def leonav_state_result_send(self, sequence: int, nis: float, cause: int, force_mavlink1: bool = False) -> None:
+        """
+        What navigation made of LEONAV_STATE_UPLOAD, in the same tick.
+
+        sequence                  : Number of the upload. (type:uint32_t)
+        nis                       : Squared Mahalanobis distance (6 degrees of freedom) from the state there was; NaN where it was not compared. (type:float)
+        cause                     : LEONAV_REJECT_CAUSE, 255: taken. (type:uint8_t)
+
+        """
+        self.send(self.leonav_state_result_encode(sequence, nis, cause), force_mavlink1=force_mavlink1)

@@ -17,6 +17,7 @@ from flightsw.link.file_transfer import FileTransfer
 from flightsw.link.mavlink_out import SYSTEM_ID, MavlinkOut
 from flightsw.link.open_alerts import OpenAlerts
 from flightsw.link.parameters import Parameters
+from flightsw.link.state_upload import StateUpload, Uploaded
 from flightsw.link.telemetry import Telemetry
 from flightsw.link.uplink import Port, Sender, Uplink
 
@@ -29,7 +30,7 @@ _TEXT = 50
 _NS_PER_S = 1_000_000_000
 
 
-class Linked(Commanded, Protocol):
+class Linked(Commanded, Uploaded, Protocol):
     """What the link needs of the loop. `upload`: the file of a table that was sent up."""
 
     upload: Path | None
@@ -102,6 +103,7 @@ class GroundLink:
         loop.upload = upload / UPLOADED_TABLE if upload is not None else None
         self.files = FileTransfer(out, log, upload, loop.active_table, lambda: self.parameters.value("LNK_FTP_TICK"))
         self.commands = Commands(out, loop, downlink, self.alerts, mode_at)
+        self.states = StateUpload(out, loop)
         self.uplink = Uplink(port, access, SYSTEM_ID, m.MAV_COMP_ID_AUTOPILOT1, out.note_received)
         self.take_in: Callable[[int], None] = self.uplink.poll  # a replay has the frames of the run
         self.jobs: list[Callable[[], None]] = [
@@ -124,6 +126,7 @@ class GroundLink:
             (m.MAVLINK_MSG_ID_COMMAND_INT, self.commands.take_int, True),
             (m.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL, self.files.take, True),
             (m.MAVLINK_MSG_ID_TIMESYNC, self._timesync, True),
+            (m.MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD, self.states.take, True),
         ):
             self.uplink.take(number, handler, order)
         downlink.add(m.MAVLINK_MSG_ID_LEONAV_LINK, "status", self._send_link)
@@ -142,6 +145,7 @@ class GroundLink:
         """Repeat what is not acknowledged, go on with lists, report refusals."""
         loop = self._loop
         now_ns = loop.counter_ns
+        self.states.answer()
         self.alerts.repeat(now_ns, int(self.parameters.value("LNK_REPEAT_S") * _NS_PER_S))
         self.parameters.send_some()
         if self.uplink.refused_orders != self._reported_orders and now_ns - self._reported_ns >= _REPORT_NS:

@@ -162,8 +162,8 @@ def publish(nav, table, model, t_gps_ns, work, out):
 
     if out.flag == _RAISED or out.flag == _STALE:
         out.verdict = _DO_NOT_USE
-    elif out.mode == INIT or nav.fixes_accepted == 0:  # a start that no later fix has confirmed yet
-        out.verdict = _NOT_READY
+    elif out.mode == INIT or (nav.fixes_accepted == 0 and nav.t_start_gps_ns <= nav.t_fix_gps_ns):
+        out.verdict = _NOT_READY  # a start that no later fix has confirmed yet; one from the ground is never trusted
     elif out.mode == AUTONOMOUS:
         out.verdict = _TRUSTED_COASTING
     else:

@@ -1,8 +1,8 @@
 """A state from the ground: checked, carried to now, and taken as a start or, where there is a state, as a correction.
 
 It is a measurement of position and velocity with a covariance of its own. It proves nothing about GNSS: the age of the
-last fix runs on, and what was certified holds again only after fixes. Carried through the same forces as the state it is
-held against, it shares their errors with it; over the minutes that an upload may be old these are small beside its own.
+last fix runs on, and what was certified holds again only after fixes. Carried through the same forces as the state it
+is held against, it shares their errors; over the minutes that an upload may be old these are small beside its own.
 """
 
 from __future__ import annotations

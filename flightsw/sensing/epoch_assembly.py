@@ -7,12 +7,13 @@ Only complete epochs go on. Anything else changes a counter and nothing more. Wh
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
 from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
 from flightsw.icd.enums import FixType, RejectCause
-from flightsw.records import INPUT
+from flightsw.records import INPUT, MEASUREMENTS
 
 EPOCHS = 16  # complete epochs that one tick can hold
 
@@ -22,7 +23,8 @@ _VELOCITY = struct.Struct(GNSS_VELOCITY.struct_format)
 _BURN = struct.Struct(BURN.struct_format)
 _ATTITUDE = struct.Struct(ATTITUDE.struct_format)
 _NAV_COMMAND = struct.Struct(NAV_COMMAND.struct_format)
-_PRESENT = ("pulse_present", "fix_present", "burn_present", "attitude_present", "command_present")
+_PRESENT = ("pulse_present", "fix_present", "burn_present", "attitude_present", "command_present", "upload_present")
+_UPPER = [(i, j) for i in range(MEASUREMENTS) for j in range(i, MEASUREMENTS)]
 _FIX_TYPE = GNSS_POSITION.field_names.index("fix_type")
 _POSITION_3D = int(FixType.POSITION_3D)
 _INCOMPLETE = int(RejectCause.INCOMPLETE_EPOCH)
@@ -166,4 +168,20 @@ class EpochAssembly:
         fields["command_id"][index] = command
         fields["command_target"][index] = target
         fields["command_value"][index] = value
+        return True
+
+    def put_upload(self, t_gps_ns: int, frame: int, state: Sequence[float], covariance: Sequence[float]) -> bool:
+        """A state from the ground: (6), and the upper triangle of its covariance (21); False where no more is held."""
+        index = self._claim()
+        if index < 0:
+            return False
+        fields = self._fields
+        fields["upload_present"][index] = 1
+        fields["upload_gps_ns"][index] = t_gps_ns
+        fields["upload_frame"][index] = frame
+        fields["upload_x"][index] = state
+        whole = fields["upload_covariance"]
+        for (i, j), value in zip(_UPPER, covariance, strict=True):
+            whole[index, i, j] = value
+            whole[index, j, i] = value
         return True
