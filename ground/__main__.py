@@ -25,6 +25,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "icd": ("ground.icdgen.command", "generate and export the interface"),
     "console": ("ground.console.command", "show whether the navigation may be trusted, live or from a log"),
     "status": ("ground.console.status_command", "say once whether the navigation may be trusted, for scripts"),
+    "state": ("ground.console.state_command", "send flight a state with its covariance"),
     "link": ("ground.console.link_command", "make a key with which flight and console sign what they send"),
     "report": ("ground.reports.command", "make the figures of a run again and print its verdict"),
     "compare": ("ground.reports.compare_command", "put the figures of two runs beside each other"),

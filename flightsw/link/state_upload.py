@@ -30,23 +30,31 @@ class Uploaded(Protocol):
 
 
 class StateUpload:
-    """One upload a tick; a second one in the same tick is answered as not taken."""
+    """One upload a tick; a second one in the same tick is answered as not taken.
 
-    __slots__ = ("_loop", "_out", "_sequence", "_waiting")
+    An upload that is repeated because its answer was lost is answered again, and not taken twice: what it knows would
+    count double.
+    """
+
+    __slots__ = ("_answered", "_loop", "_out", "_sequence", "_waiting")
 
     def __init__(self, out: MavlinkOut, loop: Uploaded) -> None:
         self._out = out
         self._loop = loop
         self._waiting = False
         self._sequence = 0
+        self._answered: tuple[int, float, int] | None = None  # the last: sequence, NIS, cause
 
     def take(self, message: Any, sender: Sender) -> None:
         """LEONAV_STATE_UPLOAD."""
         del sender
+        if self._answered is not None and self._answered[0] == message.sequence:
+            self._out.mav.leonav_state_result_send(*self._answered)
+            return
         if self._waiting or not self._loop.upload_state(
             int(message.t_gps_ns), int(message.frame), message.state, message.covariance
         ):
-            self._out.mav.leonav_state_result_send(int(message.sequence), _OVERFLOW, math.nan)
+            self._out.mav.leonav_state_result_send(int(message.sequence), math.nan, _OVERFLOW)
             return
         self._waiting = True
         self._sequence = int(message.sequence)
@@ -58,4 +66,5 @@ class StateUpload:
         self._waiting = False
         cause, nis = self._loop.upload_outcome()
         if cause != _NOTHING:
-            self._out.mav.leonav_state_result_send(self._sequence, TAKEN if cause < 0 else cause, nis)
+            self._answered = (self._sequence, nis, TAKEN if cause < 0 else cause)
+            self._out.mav.leonav_state_result_send(*self._answered)

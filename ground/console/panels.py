@@ -48,7 +48,7 @@ Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
   a acknowledge the alarm that is marked      o orders (each is confirmed)
   l list parameters   s set the marked one
   f events by severity   / search in events
-  u upload a table   r read back   d differences from a file
+  u upload a table   r read back   d differences from a file   n send a state
   left, right -+1 min   + - speed (replay)
 
 any key closes this help"""

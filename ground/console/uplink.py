@@ -5,11 +5,15 @@ Every order leaves a line for the event log when it is sent, and one when it is 
 
 from __future__ import annotations
 
+import math
+import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from flightsw.icd import mavlink as m
+from flightsw.icd.enums import RejectCause
 from ground.console.authentication import Verifier
+from ground.console.opm import GivenState
 from ground.console.text import safe
 from ground.console.transfer import Download, Transfer, Upload
 
@@ -20,6 +24,7 @@ TRIES = 5
 HEARTBEAT_S = 1.0
 TABLE_PATH = "/upload/navigation.tbl"
 ACTIVE_PATH = "/upload/active.tbl"
+STATE_TAKEN = 255  # LEONAV_STATE_RESULT.cause
 RESULTS = {
     m.MAV_RESULT_ACCEPTED: "accepted",
     m.MAV_RESULT_TEMPORARILY_REJECTED: "rejected: not now",
@@ -29,6 +34,15 @@ RESULTS = {
 }
 
 Note = Callable[[int, str], None]
+
+
+class _State(NamedTuple):
+    given: GivenState
+    label: str
+    sequence: int
+    due_s: float
+    tries: int
+    then: Callable[[bool], None]
 
 
 class _Order(NamedTuple):
@@ -52,6 +66,8 @@ class Operator:
             self._mav.signing.sign_outgoing = True
         self._orders: dict[int, _Order] = {}
         self._beat_s = -HEARTBEAT_S
+        self._state: _State | None = None
+        self._states = 0
         self.transfer: Transfer | None = None
         self._label = ""
         self._then: Callable[[Transfer], None] | None = None
@@ -84,6 +100,12 @@ class Operator:
         """Ask for events that were lost."""
         if m.LEONAV_CMD_REQUEST_EVENTS not in self._orders:
             self.command(m.LEONAV_CMD_REQUEST_EVENTS, (float(first), float(last)), f"events {first} to {last} again")
+
+    def upload_state(self, given: GivenState, label: str, then: Callable[[bool], None]) -> None:
+        """Send a state until flight says what it made of it. then: called with whether it was taken."""
+        self._states += 1
+        sequence = zlib.crc32(repr((given, self._states)).encode())  # another console's answer is not taken for ours
+        self._state = _State(given, label, sequence, -1.0, 0, then)
 
     def list_parameters(self) -> None:
         """Ask for all parameters."""
@@ -139,6 +161,7 @@ class Operator:
             self._orders[number] = order._replace(due_s=now_s + REPEAT_S, tries=order.tries + 1)
             values = (*order.values, *(0.0,) * (7 - len(order.values)))
             self._pack().command_long_send(*FLIGHT, number, order.tries, *values)
+        self._step_state(now_s)
         if self.transfer is not None:
             self.transfer.step(now_s)
             if self.transfer.done:
@@ -146,6 +169,23 @@ class Operator:
                 self._note(3 if done.error else 5, f"{self._label}: {done.error or f'{done.total} bytes, checked'}")
                 if self._then is not None:
                     self._then(done)
+
+    def _step_state(self, now_s: float) -> None:
+        state = self._state
+        if state is None or now_s < state.due_s:
+            return
+        if state.tries >= TRIES:
+            self._state = None
+            self._note(3, f"{state.label}: flight does not answer; nothing is known of it")
+            state.then(False)
+            return
+        if state.tries == 0:
+            self._note(6, f"{state.label}: sent")
+        self._state = state._replace(due_s=now_s + REPEAT_S, tries=state.tries + 1)
+        given = state.given
+        self._pack().leonav_state_upload_send(
+            given.t_gps_ns, given.state, given.covariance, state.sequence, *FLIGHT, int(given.frame)
+        )
 
     def take(self, message: Any) -> None:
         """Something was heard from flight."""
@@ -158,8 +198,23 @@ class Operator:
                 self._note(5 if accepted else 4, f"{order.label}: {words}")
                 if order.then is not None:
                     order.then(accepted)
+        elif kind == "LEONAV_STATE_RESULT":
+            if self._state is not None and message.sequence == self._state.sequence:
+                state, self._state = self._state, None
+                taken, said = state_answer(int(message.cause), float(message.nis))
+                self._note(5 if taken else 4, f"{state.label}: {said}")
+                state.then(taken)
         elif kind == "PARAM_VALUE":
             self.parameters[safe(message.param_id, 16)] = (int(message.param_index), float(message.param_value))
             self.parameter_count = int(message.param_count)
         elif kind == "FILE_TRANSFER_PROTOCOL" and self.transfer is not None and message.target_system == SYSTEM:
             self.transfer.take(message)
+
+
+def state_answer(cause: int, nis: float) -> tuple[bool, str]:
+    """Whether a state was taken, and flight's answer in words."""
+    distance = "" if math.isnan(nis) else f", NIS {nis:.1f} (6 degrees of freedom)"
+    if cause == STATE_TAKEN:
+        return True, f"taken{distance}; not certified until fixes are back"
+    name = RejectCause(cause).name if cause in {int(each) for each in RejectCause} else f"cause {cause}"
+    return False, f"refused: {name}{distance}"

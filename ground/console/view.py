@@ -6,24 +6,21 @@ import asyncio
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.text import Text
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
 from textual.screen import ModalScreen
 from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
-from flightsw.icd.table_file import TableRefused
 from ground.console import alarms, model, pages, panels, plot
 from ground.console.event_log import Filter, events_page
 from ground.console.link import Link, Sending
-from ground.console.orders import Ask, Confirm, Menu, Order
-from ground.console.table_diff import table_diff
+from ground.console.ordering import Ordering
+from ground.console.orders import Ask
 from ground.console.timing_page import timing_page
 from ground.console.tlog import TlogLink, progress_words
 from ground.console.uplink import Operator
@@ -53,7 +50,7 @@ class Help(ModalScreen[None]):
             self.dismiss()
 
 
-class ConsoleApp(App[None]):
+class ConsoleApp(Ordering):
     """The operator's console on one screen; works from 100 x 30 characters."""
 
     TITLE = "leonav console"
@@ -72,6 +69,7 @@ class ConsoleApp(App[None]):
         ("l", "list_parameters", "list parameters"),
         ("s", "set_parameter", "set parameter"),
         ("u", "upload", "upload"),
+        ("n", "upload_state", "send a state"),
         ("r", "read_back", "read back"),
         ("d", "differences", "differences"),
         ("f", "severity", "severity"),
@@ -249,110 +247,6 @@ class ConsoleApp(App[None]):
     def _show_events(self, chosen: Filter) -> None:
         self.filter = chosen
         self.action_page(pages.PAGES.index("events"))
-
-    def action_differences(self) -> None:
-        """Compare the table that flies, as it was read back, with a file."""
-        if not self._may_order() or self.operator is None:
-            return
-        if not self.operator.table_read:
-            self._say(4, "read the table that flies back first (r): nothing to compare a file with")
-            self.redraw()
-            return
-        self.push_screen(Ask("Compare the table that flies with which table file?"), self._compare)
-
-    def _compare(self, text: str | None) -> None:
-        if not text or self.operator is None:
-            return
-        try:
-            lines = table_diff(self.operator.table_read, Path(text).read_bytes())
-        except OSError as error:
-            self._say(4, f"{text}: cannot be read ({error.strerror})")
-        except TableRefused as error:
-            self._say(4, f"{text}: {error}")
-        else:
-            count = f"{len(lines) or 'no'} difference{'s' if len(lines) > 1 else ''}"
-            self.diff = (f"{count}: the table that flies -> {Path(text).name}", *lines)
-        self.action_page(pages.PAGES.index("tables"))
-
-    # -- orders
-
-    def _may_order(self) -> bool:
-        if self.operator is None:
-            self._say(5, "this console only reads" if self.link.live else "a log cannot be commanded")
-            self.redraw()
-        return self.operator is not None
-
-    def action_acknowledge(self) -> None:
-        """Acknowledge the chosen alarm; on other pages the first that nobody has acknowledged."""
-        alarm = pages.chosen_alarm(self.state, self.chosen if pages.PAGES[self.page] == "alarms" else 0)
-        if alarm is None or alarm.acknowledged_s is not None or not self._may_order():
-            return
-        assert self.operator is not None
-
-        def taken(accepted: bool) -> None:
-            if accepted:
-                now_s = self.link.now_s()
-                done = alarms.acknowledge(self.state.alarms, alarm.sequence, now_s, self._operator_name)
-                self.state = replace(self.state, alarms=done)
-
-        self.operator.acknowledge(alarm.sequence, f"alarm #{alarm.sequence} acknowledged", taken)
-
-    def action_orders(self) -> None:
-        """Choose an order, confirm it, send it."""
-        if self._may_order():
-            self.push_screen(Menu(), self._confirm_order)
-
-    def _confirm_order(self, order: Order | None) -> None:
-        if order is not None:
-            question = Confirm(f"Order flight: {order.label}?", order.means)
-            self.push_screen(question, lambda sure: self._send(order) if sure else None)
-
-    def _send(self, order: Order) -> None:
-        assert self.operator is not None
-        self.operator.command(order.number, order.values, order.label)
-
-    def action_list_parameters(self) -> None:
-        """Ask for all parameters again."""
-        if self._may_order() and self.operator is not None:
-            self.operator.list_parameters()
-
-    def action_set_parameter(self) -> None:
-        """Set the chosen parameter."""
-        if pages.PAGES[self.page] != "parameters" or not self._may_order() or self.operator is None:
-            return
-        names = pages.parameter_names(self.operator)
-        if self.chosen < len(names):
-            name, operator = names[self.chosen], self.operator
-            value = f"{operator.parameters[name][1]:g}"
-
-            def entered(text: str | None) -> None:
-                try:
-                    if text is not None:
-                        operator.set_parameter(name, float(text))
-                except ValueError:
-                    self._say(4, f"{text!r} is no number: nothing was sent")
-
-            self.push_screen(Ask(f"{name} =", value), entered)
-
-    def action_upload(self) -> None:
-        """Send a table file up, validate and stage it."""
-        if self._may_order():
-            self.push_screen(Ask("Upload which table file? It is validated and staged, not activated."), self._upload)
-
-    def _upload(self, text: str | None) -> None:
-        if not text or self.operator is None:
-            return
-        try:
-            data = Path(text).read_bytes()
-        except OSError as error:
-            self._say(4, f"{text}: cannot be read ({error.strerror})")
-            return
-        self.operator.upload_table(data, f"table {Path(text).name}")
-
-    def action_read_back(self) -> None:
-        """Read the table that flies back."""
-        if self._may_order() and self.operator is not None:
-            self.operator.read_table()
 
     # -- replay
 
