@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from ground import workers
 from ground.errors import OperatorError
 
 DEFAULT_UDP = "127.0.0.1:14550"
@@ -54,7 +53,9 @@ def run(args: argparse.Namespace) -> int:
     from ground.console.tlog import TlogLink
 
     if args.served_by is not None:
-        workers.serve(args.served_by)
+        from ground.workers import serve
+
+        serve(args.served_by)
     link: TlogLink | UdpLink | ReadOnly
     if args.tlog is not None:
         link = TlogLink(args.tlog, speed, time.monotonic)

@@ -82,7 +82,15 @@ def test_the_wheel_says_what_it_is(wheel: Path) -> None:
     required = metadata.get_all("Requires-Dist") or []
     base = {line for line in required if "extra ==" not in line}
     assert base == {"numpy", "numba", "python-can", "pymavlink"}
-    assert set(metadata.get_all("Provides-Extra") or []) == {"sim", "ground", "cluster", "rinex", "mcap", "dev"}
+    assert set(metadata.get_all("Provides-Extra") or []) == {
+        "sim",
+        "ground",
+        "cluster",
+        "rinex",
+        "mcap",
+        "web",
+        "dev",
+    }
     assert metadata["License-Expression"] == "Apache-2.0"
     assert {line.partition(" =")[0] for line in scripts.splitlines() if "=" in line} == {
         "flightsw",
