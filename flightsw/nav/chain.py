@@ -312,18 +312,20 @@ def predict_to(nav, table, model, t_gps_ns, work):
 @kernel
 def commit_aside(nav, table, model, t_gps_ns, work):
     """As `commit` where no position was used: the state is another, the age of the last fix runs on."""
-    t_fix_gps_ns = nav.t_fix_gps_ns
-    row = nav.row
     work.split = 0
-    commit(nav, table, model, t_gps_ns, row, work)
-    nav.t_fix_gps_ns = t_fix_gps_ns
+    _commit(nav, table, model, t_gps_ns, nav.t_fix_gps_ns, nav.row, work)
 
 
 @kernel
 def commit(nav, table, model, t_gps_ns, row, work):
     """The corrected state in work.x and work.P or work.UD becomes the newest epoch; all covariances start from it."""
+    _commit(nav, table, model, t_gps_ns, t_gps_ns, row, work)
+
+
+@kernel
+def _commit(nav, table, model, t_gps_ns, t_fix_gps_ns, row, work):
     nav.t_gps_ns = t_gps_ns
-    nav.t_fix_gps_ns = t_gps_ns
+    nav.t_fix_gps_ns = t_fix_gps_ns  # before the step ahead is looked at: its length depends on it
     nav.x[:] = work.x
     if table.filter_model == flight_model.FLIGHT:
         nav.UD[:, :] = work.UD

@@ -252,7 +252,7 @@ def take(nav, table, model, inp, t_now_ns, work, out):
     cause = _hold_against(nav, table, work, out)
     if cause == USED:
         monitor.forget(nav)
-        nav.bound_fix_m[:] = 0.0  # that of a state that is no more
+        nav.bound_fix_m[:] = 0.0  # of a state that is no more
         chain.commit_aside(nav, table, model, t_ns, work)
         nav.t_start_gps_ns = t_ns  # what was proven before says nothing of it
     return cause

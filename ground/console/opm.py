@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from flightsw.icd.enums import StateFrame
 from ground.errors import OperatorError
-from ground.tables.gps_time import NS_PER_S
 
 _FRAMES = {"GCRF": StateFrame.GCRF, "ICRF": StateFrame.GCRF}
 _EARTH_FIXED = re.compile(r"ITRF(-?\d{2,4})?")
@@ -19,6 +18,7 @@ _EPOCH = datetime(1980, 1, 6)
 _GPS_MINUS_S = {"GPS": 0.0, "TAI": -19.0, "TT": -51.184}  # IS-GPS-200; IAU 1991
 _INSTANT = re.compile(r"(\d{4}-\d{2}-\d{2}|\d{4}-\d{3})T(\d{2}:\d{2}:\d{2})(\.\d+)?Z?")
 _LARGEST_BYTES = 1 << 20
+_NS_PER_S = 1_000_000_000
 
 
 class GivenState(NamedTuple):
@@ -115,7 +115,7 @@ def _instant(path: Path, text: str, scale: str) -> int:
         offset_s = float(erfa.dat(instant.year, instant.month, instant.day, 0.0)) - 19.0
     if offset_s is None:
         raise OperatorError(f"{path}: TIME_SYSTEM = {scale}: give UTC, TAI, TT or GPS")
-    t_gps_ns = whole_s * NS_PER_S + round((float(fraction or 0.0) + offset_s) * NS_PER_S)
+    t_gps_ns = whole_s * _NS_PER_S + round((float(fraction or 0.0) + offset_s) * _NS_PER_S)
     if t_gps_ns < 0:
         raise OperatorError(f"{path}: EPOCH = {text}: before GPS time began")
     return t_gps_ns

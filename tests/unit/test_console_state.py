@@ -19,7 +19,7 @@ from flightsw.icd.enums import Mode
 from ground.console.view import ConsoleApp
 from ground.tables.gps_time import format_gps
 
-SETTINGS = ("flight.table_set=flight", "outage=[{start_s=60.0, duration_s=600.0}]")
+SETTINGS = ("flight.table_set=flight", "time.duration_s=900", "outage=[{start_s=60.0, duration_s=600.0}]")
 
 
 def written(flight: Linked, path: Path, off_m: float) -> None:

@@ -96,13 +96,14 @@ def test_it_is_a_kalman_update_of_the_whole_state() -> None:
     assert out["fix_age_s"] > 1199.0
 
 
-@pytest.mark.parametrize(("late_s", "share"), [(0, 0.7), (7, 0.7), (600, 0.8), (2000, 0.99)])
+@pytest.mark.parametrize(("late_s", "share"), [(0, 0.8), (7, 0.8), (600, 0.9), (2000, 1.0)])
 def test_old_states_are_carried_to_now(late_s: int, share: float) -> None:
     """GIVEN an outage of 1800 s WHEN states that are up to 2000 s old are uploaded, drawn from their covariance, in
     twenty flights THEN all are taken, their NIS are those of chi-square, the bound shrinks and still holds."""
     nis = []
     for seed in range(20):
         inputs = inputs_until(LOST_S + 60, seed)
+        alone = fly(flying_memory(empirical_sigma_mps2=1e-6), inputs.copy())
         t_s = LOST_S - 1.0 - late_s
         put(inputs, LOST_S, t_s, drawn(seed, t_s))
         outputs = fly(flying_memory(empirical_sigma_mps2=1e-6), inputs)
@@ -110,7 +111,7 @@ def test_old_states_are_carried_to_now(late_s: int, share: float) -> None:
         assert (outputs["upload_cause"][:LOST_S] == ABSENT).all()
         nis.append(outputs["upload_nis"][LOST_S])
         after = outputs[LOST_S + 1 :]
-        assert after["bound_m"][0] < share * outputs["bound_m"][LOST_S - 1]
+        assert (after["bound_m"] < share * alone["bound_m"][LOST_S + 1 :]).all()
         error_m = np.abs(after["r_gcrf_m"] - TRUTH(after["t_gps_ns"])[0]).max(axis=1)
         assert (error_m < after["bound_m"]).all()
         assert set(after["mode"].tolist()) == {int(Mode.AUTONOMOUS)}
