@@ -58,6 +58,18 @@ def flight_errors(
     return Errors("flight", age_s, _against(orbit, chosen, ends, age_s)), spent_ms
 
 
+def peer_settings(satkit: Any, degree: int) -> Any:
+    """How satkit propagates where it is a peer: EGM2008, as far as it goes."""
+    return satkit.propsettings(
+        abs_error=1e-8,
+        rel_error=1e-10,
+        gravity_degree=min(degree, 70),
+        gravity_model=satkit.gravmodel.egm2008,
+        enable_interp=False,
+        require_eop_coverage=True,
+    )
+
+
 def satkit_errors(
     orbit: ReferenceOrbit, settings: Mapping[str, Any], degree: int, age_s: int, at_most: int
 ) -> tuple[Errors, float]:
@@ -66,14 +78,7 @@ def satkit_errors(
     first, last = int(orbit.t_gps_ns[chosen[0]]), int(orbit.t_gps_ns[chosen[-1]]) + age_s * NS_PER_S
     area = float(settings["area_to_mass_m2pkg"])
     with session(first, last) as satkit:
-        model = satkit.propsettings(
-            abs_error=1e-8,
-            rel_error=1e-10,
-            gravity_degree=min(degree, 70),
-            gravity_model=satkit.gravmodel.egm2008,
-            enable_interp=False,
-            require_eop_coverage=True,
-        )
+        model = peer_settings(satkit, degree)
         surface = satkit.satproperties(
             cdaoverm=area * float(settings["drag_coefficient"]),
             craoverm=area * float(settings["radiation_coefficient"]),

@@ -17,6 +17,7 @@ import numpy as np
 from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
 from ground.accuracy.flight_model import FlightModel
+from ground.accuracy.forces import peer_settings
 from ground.campaign import arc
 from ground.studies.flights import COARSE_TICK_NS, NS, Prepared, prepare
 from ground.tables.forces import build_forces
@@ -72,14 +73,7 @@ def _measure_degree(prepared: Prepared, degree: int, gravity: Path | None, round
     x = np.concatenate((prepared.world.r_true_gcrf_m[0], prepared.world.v_true_gcrf_mps[0]))
 
     with session(t_gps_ns, t_gps_ns + OUTAGE_S * NS) as satkit:
-        settings = satkit.propsettings(
-            abs_error=1e-8,
-            rel_error=1e-10,
-            gravity_degree=min(degree, 70),
-            gravity_model=satkit.gravmodel.egm2008,
-            enable_interp=False,
-            require_eop_coverage=True,
-        )
+        settings = peer_settings(satkit, degree)
         instant = satkit_time(satkit, t_gps_ns)
 
         def once() -> tuple[float, ...]:

@@ -99,6 +99,8 @@ def _serve(args: argparse.Namespace, address: tuple[str, int]) -> int:
         raise OperatorError(f"--web: {error.name} is not installed; pip install leonav[web]") from None
     from ground.console.relay import Relay
 
+    if args.read_only and args.token is not None:
+        raise OperatorError("--token: with --read-only nobody may order; leave one of them out")
     token = read_token(args.token) if args.token is not None else None
     if args.tlog is not None:
         if token is not None:

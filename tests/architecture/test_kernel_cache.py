@@ -146,3 +146,16 @@ def test_reading_out_of_range_raises_with_bounds_checks(copied_flight: Path) -> 
     outcome = _probe(copied_flight, NUMBA_BOUNDSCHECK="1")
     assert outcome.returncode != 0
     assert "IndexError" in outcome.stderr
+
+
+def test_a_second_copy_finds_its_kernels_compiled(copied_flight: Path) -> None:
+    """GIVEN a warm cache WHEN the same sources lie somewhere else THEN they are served from it, nothing is added."""
+    _write_probe(copied_flight, "1.0 + 0.0 * values[0]")
+    other = copied_flight / "elsewhere"
+    shutil.copytree(copied_flight / "flightsw", other / "flightsw", ignore=shutil.ignore_patterns("__pycache__"))
+    cache = copied_flight / "cache"
+    assert _answer(_probe(copied_flight)) == 1.0
+    before = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nb*")}
+    assert before
+    assert _answer(_probe(other, LEONAV_CACHE_DIR=str(cache))) == 1.0
+    assert {path: path.stat().st_mtime_ns for path in cache.rglob("*.nb*")} == before

@@ -152,6 +152,7 @@ def test_tokens_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     [
         (["--web", "0"], "1 to 65535"),
         (["--web", "8765", "--plain"], "leave it out"),
+        (["--web", "8765", "--read-only", "--token", "any"], "leave one of them out"),
         (["--web", "8765", "--tlog", "no-such.tlog"], "no such file"),
     ],
 )
