@@ -12,6 +12,8 @@ from flightsw.icd.frame_layout import FrameLayout
 from flightsw.journal import Journal
 from flightsw.records_io import RecordReader
 
+_FLOAT_MAX = 3.4e38  # beyond it struct packs no float32
+
 
 class _Outbox:
     """One kind of frame: its buffer and alive counter."""
@@ -68,7 +70,8 @@ class Publisher:
             t_gps_ns,
             out[at["bound_m"]],
             out[at["limit_m"]],
-            out[at["bound_3d_m"]],
+            min(out[at["bound_3d_m"]], _FLOAT_MAX),  # NaN stays NaN
+            alerts,
             out[at["fix_age_s"]],
             out[at["outage_age_s"]],
             out[at["flag_age_s"]],
@@ -80,7 +83,6 @@ class Publisher:
             min(int(out[at["streak"]]), 0xFFFF),
             out[at["da_coverage_pct"]],
             out[at["da_source"]],
-            alerts,
             certificate,
         )
 

@@ -1,7 +1,7 @@
 """Alerts: id, severity and text as data. Flight sends the id; the ground renders the text.
 
-The id is also the bit of the `alerts` word in INTEGRITY and LEONAV_INTEGRITY, so ids stay within 0..31,
-and a text fits a MAVLink STATUSTEXT (50 bytes, ASCII). Ids are never reused.
+The id is also the bit of the `alerts` word in INTEGRITY and LEONAV_INTEGRITY, so ids stay within 0..62
+(flight keeps the word in an int64), and a text fits a MAVLink STATUSTEXT (50 bytes, ASCII). Ids are never reused.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.icd.frame_layout import FrameLayout as FrameLayout
 
-ICD_VERSION = "1.1"
+ICD_VERSION = "2.0"
 
 TIME_SYNC = FrameLayout(
     name="TIME_SYNC",
@@ -450,12 +450,13 @@ INTEGRITY = FrameLayout(
     data_id=0x7F19,
     data_id_bytes=bytes((0x19, 0x7F)),
     sender="FLIGHT",
-    struct_format="<qdddffffBBBBHBBIBBH",
+    struct_format="<qdffQffffBBBBHBBB4xBH",
     field_names=(
         "t_gps_ns",
         "bound_m",
         "limit_m",
         "bound_3d_m",
+        "alerts",
         "fix_age_s",
         "outage_age_s",
         "flag_age_s",
@@ -467,7 +468,6 @@ INTEGRITY = FrameLayout(
         "accepted_streak",
         "stored_da_coverage_pct",
         "da_source",
-        "alerts",
         "certificate",
         "counter",
         "crc",
@@ -479,6 +479,7 @@ INTEGRITY = FrameLayout(
                 "bound_m",
                 "limit_m",
                 "bound_3d_m",
+                "alerts",
                 "fix_age_s",
                 "outage_age_s",
                 "flag_age_s",
@@ -490,7 +491,6 @@ INTEGRITY = FrameLayout(
                 "accepted_streak",
                 "stored_da_coverage_pct",
                 "da_source",
-                "alerts",
                 "certificate",
                 "counter",
                 "crc",
@@ -498,8 +498,9 @@ INTEGRITY = FrameLayout(
             "formats": [
                 "<i8",
                 "<f8",
-                "<f8",
-                "<f8",
+                "<f4",
+                "<f4",
+                "<u8",
                 "<f4",
                 "<f4",
                 "<f4",
@@ -511,7 +512,6 @@ INTEGRITY = FrameLayout(
                 "<u2",
                 "u1",
                 "u1",
-                "<u4",
                 "u1",
                 "u1",
                 "<u2",
@@ -520,7 +520,8 @@ INTEGRITY = FrameLayout(
                 0,  # t_gps_ns [ns]
                 8,  # bound_m [m]
                 16,  # limit_m [m]
-                24,  # bound_3d_m [m]
+                20,  # bound_3d_m [m]
+                24,  # alerts [-]
                 32,  # fix_age_s [s]
                 36,  # outage_age_s [s]
                 40,  # flag_age_s [s]
@@ -532,8 +533,7 @@ INTEGRITY = FrameLayout(
                 52,  # accepted_streak [-]
                 54,  # stored_da_coverage_pct [%]
                 55,  # da_source [-]
-                56,  # alerts [-]
-                60,  # certificate [-]
+                56,  # certificate [-]
                 61,  # counter [-]
                 62,  # crc [-]
             ],

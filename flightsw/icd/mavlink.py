@@ -2663,17 +2663,17 @@ class MAVLink_leonav_integrity_message(MAVLink_message):
     id = MAVLINK_MSG_ID_LEONAV_INTEGRITY
     msgname = "LEONAV_INTEGRITY"
     fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "fix_age_s", "outage_age_s", "flag_age_s", "alerts", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source"]
-    ordered_fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "fix_age_s", "outage_age_s", "flag_age_s", "alerts", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source"]
-    fieldtypes = ["int64_t", "double", "double", "double", "float", "float", "float", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    ordered_fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "alerts", "fix_age_s", "outage_age_s", "flag_age_s", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source"]
+    fieldtypes = ["int64_t", "double", "double", "double", "float", "float", "float", "uint64_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"mode": "LEONAV_MODE", "flag_state": "LEONAV_FLAG_STATE", "verdict": "LEONAV_VERDICT", "driver": "LEONAV_DRIVER", "certificate": "LEONAV_CERTIFICATE", "da_source": "LEONAV_DA_SOURCE"}
     fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "bound_m": "m", "limit_m": "m", "bound_3d_m": "m", "fix_age_s": "s", "outage_age_s": "s", "flag_age_s": "s", "stored_da_coverage_pct": "%"}
-    native_format = bytearray(b"<qdddfffIIHBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]
+    native_format = bytearray(b"<qdddQfffIHBBBBBBB")
+    orders = [0, 1, 2, 3, 5, 6, 7, 4, 8, 9, 10, 11, 12, 13, 14, 15, 16]
     lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    crc_extra = 141
-    unpacker = struct.Struct("<qdddfffIIHBBBBBBB")
+    crc_extra = 119
+    unpacker = struct.Struct("<qdddQfffIHBBBBBBB")
     instance_field = None
     instance_offset = -1
 
@@ -2701,7 +2701,7 @@ class MAVLink_leonav_integrity_message(MAVLink_message):
         self.da_source = da_source
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.bound_m, self.limit_m, self.bound_3d_m, self.fix_age_s, self.outage_age_s, self.flag_age_s, self.alerts, self.table_crc32, self.accepted_streak, self.mode, self.flag_state, self.verdict, self.driver, self.certificate, self.stored_da_coverage_pct, self.da_source), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.bound_m, self.limit_m, self.bound_3d_m, self.alerts, self.fix_age_s, self.outage_age_s, self.flag_age_s, self.table_crc32, self.accepted_streak, self.mode, self.flag_state, self.verdict, self.driver, self.certificate, self.stored_da_coverage_pct, self.da_source), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -2981,17 +2981,17 @@ class MAVLink_leonav_link_message(MAVLink_message):
     id = MAVLINK_MSG_ID_LEONAV_LINK
     msgname = "LEONAV_LINK"
     fieldnames = ["event_sequence", "accepted", "lost", "refused", "alerts_open", "bench", "armed", "table_staged"]
-    ordered_fieldnames = ["event_sequence", "accepted", "lost", "refused", "alerts_open", "bench", "armed", "table_staged"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t"]
+    ordered_fieldnames = ["alerts_open", "event_sequence", "accepted", "lost", "refused", "bench", "armed", "table_staged"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint64_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {}
-    native_format = bytearray(b"<IIIIIBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7]
-    lengths = [1, 1, 1, 11, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 11, 0, 0, 0, 0]
-    crc_extra = 186
-    unpacker = struct.Struct("<III11IIBBB")
+    native_format = bytearray(b"<QIIIIBBB")
+    orders = [1, 2, 3, 4, 0, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 11, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 11, 0, 0, 0]
+    crc_extra = 188
+    unpacker = struct.Struct("<QIII11IBBB")
     instance_field = None
     instance_offset = -1
 
@@ -3010,7 +3010,7 @@ class MAVLink_leonav_link_message(MAVLink_message):
         self.table_staged = table_staged
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.event_sequence, self.accepted, self.lost, self.refused[0], self.refused[1], self.refused[2], self.refused[3], self.refused[4], self.refused[5], self.refused[6], self.refused[7], self.refused[8], self.refused[9], self.refused[10], self.alerts_open, self.bench, self.armed, self.table_staged), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.alerts_open, self.event_sequence, self.accepted, self.lost, self.refused[0], self.refused[1], self.refused[2], self.refused[3], self.refused[4], self.refused[5], self.refused[6], self.refused[7], self.refused[8], self.refused[9], self.refused[10], self.bench, self.armed, self.table_staged), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -3585,7 +3585,7 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
-    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3) -> MAVLink_heartbeat_message:
+    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 4) -> MAVLink_heartbeat_message:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -3605,7 +3605,7 @@ class MAVLink(object):
         """
         return MAVLink_heartbeat_message(type, autopilot, base_mode, custom_mode, system_status, mavlink_version)
 
-    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3, force_mavlink1: bool = False) -> None:
+    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 4, force_mavlink1: bool = False) -> None:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -4423,7 +4423,7 @@ class MAVLink(object):
         fix_age_s                 : Age of the last accepted fix. [s] (type:float)
         outage_age_s              : Time since the outage began; 0 outside one. [s] (type:float)
         flag_age_s                : Outage age at which the flag was raised; NaN when not raised. [s] (type:float)
-        alerts                    : Bit i is set while the alert with id i is active. (type:uint32_t)
+        alerts                    : Bit i is set while the alert with id i is active. (type:uint64_t)
         table_crc32               : CRC-32 of the navigation table in use. (type:uint32_t)
         accepted_streak           : Consecutive accepted fixes. (type:uint16_t)
         mode                      : Navigation mode. (type:uint8_t, values:LEONAV_MODE)
@@ -4449,7 +4449,7 @@ class MAVLink(object):
         fix_age_s                 : Age of the last accepted fix. [s] (type:float)
         outage_age_s              : Time since the outage began; 0 outside one. [s] (type:float)
         flag_age_s                : Outage age at which the flag was raised; NaN when not raised. [s] (type:float)
-        alerts                    : Bit i is set while the alert with id i is active. (type:uint32_t)
+        alerts                    : Bit i is set while the alert with id i is active. (type:uint64_t)
         table_crc32               : CRC-32 of the navigation table in use. (type:uint32_t)
         accepted_streak           : Consecutive accepted fixes. (type:uint16_t)
         mode                      : Navigation mode. (type:uint8_t, values:LEONAV_MODE)
@@ -4649,7 +4649,7 @@ class MAVLink(object):
         accepted                  : Messages from the ground that were taken. (type:uint32_t)
         lost                      : Messages to the ground that no socket took. (type:uint32_t)
         refused                   : Messages from the ground that were refused, by LEONAV_LINK_REFUSAL. (type:uint32_t)
-        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint32_t)
+        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint64_t)
         bench                     : 1: unsigned commands are taken (bench profile). (type:uint8_t)
         armed                     : 1: a raised flag withdraws the state. (type:uint8_t)
         table_staged              : 1: a navigation table is staged, 2: the active one is on trial. (type:uint8_t)
@@ -4665,7 +4665,7 @@ class MAVLink(object):
         accepted                  : Messages from the ground that were taken. (type:uint32_t)
         lost                      : Messages to the ground that no socket took. (type:uint32_t)
         refused                   : Messages from the ground that were refused, by LEONAV_LINK_REFUSAL. (type:uint32_t)
-        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint32_t)
+        alerts_open               : Bit i: alert i was raised and nobody has acknowledged it. (type:uint64_t)
         bench                     : 1: unsigned commands are taken (bench profile). (type:uint8_t)
         armed                     : 1: a raised flag withdraws the state. (type:uint8_t)
         table_staged              : 1: a navigation table is staged, 2: the active one is on trial. (type:uint8_t)
