@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointRefused, CheckpointWriter, Resume
 from flightsw.clock import Clock
+from flightsw.functions import KINDS, maker_of
 from flightsw.icd.certificate import CertificateRefused, check_key, open_certificate
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableImage, TableRefused, decode
@@ -98,6 +99,12 @@ def load_force_tables(folder: Path, navigation: TableImage) -> ForceTables | Non
     return ForceTables(*_load(folder, (FORCES_FILE, GRAVITY_FIELD_FILE)))
 
 
+def load_function_tables(folder: Path) -> tuple[TableImage, ...]:
+    """Tables of the functions beside navigation, those that a folder has; PreflightFailed as for the others."""
+    names = (f"{kind}.tbl" for kind in KINDS)
+    return tuple(_load(folder, tuple(name for name in names if (folder / name).exists())))
+
+
 def _load(folder: Path, names: tuple[str, ...]) -> list[TableImage]:
     images = []
     for name in names:
@@ -130,11 +137,14 @@ def build(
     forces: ForceTables | None = None,
     resume: Resume | None = None,
     checkpoints: Checkpoints | None = None,
+    functions: Sequence[TableImage] = (),
 ) -> MainLoop:
     """A flight ready to tick: kernels compiled, tables loaded, one dry step flown and forgotten.
 
-    resume: a state to go on from once time is known. checkpoints: write them in the slack.
+    resume: a state to go on from once time is known. checkpoints: write them in the slack. functions: what else flies,
+    each by its table.
     """
+    makers = [maker_of(table.kind) for table in functions]
     registry.warm_up(progress)
     memory = Memory()
     memory.load(navigation.values, orientation.values)
@@ -151,6 +161,9 @@ def build(
     _replay_stimulus(navigation)
     loop = MainLoop(clock, port, journal, sink, memory, navigation, unix_start_ns)
     loop.resume = resume
+    services = loop.services()
+    for maker, table in zip(makers, functions, strict=True):
+        loop.add_function(maker(table, services))
     if checkpoints is not None:
         period_ns = round(checkpoints.period_s * 1e9)
         loop.keep_checkpoints(

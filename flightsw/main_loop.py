@@ -16,6 +16,7 @@ from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.events import EventRing
+from flightsw.functions import Function, Services
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, FlagState, RejectCause, Validity, Verdict
@@ -116,6 +117,7 @@ class MainLoop:
         )
         self.publisher = Publisher(port, journal, self.out_reader)
         self.events = EventRing(self._announce)
+        self._functions: list[Function] = []
         self.schedule = Schedule(
             [
                 Member("receive", 1, 200.0, self._receive),
@@ -182,6 +184,9 @@ class MainLoop:
             alerts |= _BUS_OFF_BIT
         if not self.armed:
             alerts |= _DISARMED_BIT
+        for function in self._functions:
+            alerts |= function.conditions
+            self._happened |= function.happened
         self.alerts = alerts
         self.verdict, self.validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
         nis = self._fix_output["nis"][0]
@@ -300,6 +305,25 @@ class MainLoop:
             log,
         )
         self.schedule.add_slack(Member("ground_link", 1, 5000.0, self.ground.work_slice))
+
+    def services(self) -> Services:
+        """What a function works with."""
+        return Services(
+            self.receiver,
+            self._assembly,
+            self.publisher,
+            self.downlink,
+            self.link,
+            self.unix_ns,
+            lambda: self.counter_ns,
+            lambda: self.out,
+            self.out_reader.at,
+        )
+
+    def add_function(self, function: Function) -> None:
+        """Run a function in every tick from now on, after the bus was drained and before navigation."""
+        self._functions.append(function)
+        self.schedule.insert_before("navigate", Member(function.name, 1, function.budget_us, function.run))
 
     # -- tables
 

@@ -6,7 +6,7 @@ import json
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +116,7 @@ def open_logs(
     allow_saturating: bool = False,
     two_way: bool = False,
     log_limit_bytes: int | None = None,
+    functions: Sequence[TableImage] = (),
 ) -> Journal:
     """The journal in `out`, with what a replay needs beside it: run.json, tables and checkpoint. None: no logs.
 
@@ -125,15 +126,19 @@ def open_logs(
         return Journal(None)
     try:
         (out / "tables").mkdir(parents=True, exist_ok=True)
-        names = (app.NAVIGATION_FILE, app.EARTH_ORIENTATION_FILE)
-        for name in names if forces is None else (*names, app.FORCES_FILE, app.GRAVITY_FIELD_FILE):
+        names: tuple[str, ...] = (app.NAVIGATION_FILE, app.EARTH_ORIENTATION_FILE)
+        if forces is not None:
+            names = (*names, app.FORCES_FILE, app.GRAVITY_FIELD_FILE)
+        for name in (*names, *(f"{table.kind}.tbl" for table in functions)):
             image = (tables / name).read_bytes()  # read before writing: the two folders may be one
             (out / "tables" / name).write_bytes(image)
         flown = navigation  # it may come from a store
         (out / "tables" / app.NAVIGATION_FILE).write_bytes(encode(*_encodable(flown)))
         if resume is not None:
             (out / app.RESUME_FILE).write_bytes(resume.image)
-        flight = identity(navigation, orientation, *(forces or ()), resume=resume, allow_saturating=allow_saturating)
+        flight = identity(
+            navigation, orientation, *(forces or ()), *functions, resume=resume, allow_saturating=allow_saturating
+        )
         record = {"lockstep": False, "two_way_link": two_way, **flight}
         (out / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         return Journal(out, log_limit_bytes)
@@ -176,6 +181,7 @@ def run(
         booted = _boot(store, (tables / app.NAVIGATION_FILE).read_bytes(), policy)
         navigation = booted.table
     forces = app.load_force_tables(tables, navigation)
+    functions = app.load_function_tables(tables)
     if checkpoints is not None and not checkpoints.path.parent.is_dir():
         raise Refused(f"--checkpoint {checkpoints.path}: no such folder; make it, or name another file")
     resumed = _load_resume(resume, resume_max_age_s, navigation)
@@ -194,6 +200,7 @@ def run(
                 allow_saturating,
                 ground is not None,
                 log_limit_bytes,
+                functions,
             )
         except Refused:
             port.close()
@@ -215,6 +222,7 @@ def run(
             forces,
             resumed,
             checkpoints,
+            functions,
         )
         loop.require_certificate = require_certificate
         for text in realtime.prepare():

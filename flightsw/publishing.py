@@ -15,7 +15,7 @@ from flightsw.records_io import RecordReader
 _FLOAT_MAX = 3.4e38  # beyond it struct packs no float32
 
 
-class _Outbox:
+class Outbox:
     """One kind of frame: its buffer and alive counter."""
 
     __slots__ = ("buffer", "counter", "frame_id", "layout", "pack_into")
@@ -36,13 +36,14 @@ class Publisher:
     def __init__(self, port: CanPort, journal: Journal, reader: RecordReader) -> None:
         self._port = port
         self._journal = journal
-        self._nav_state = _Outbox(NAV_STATE)
-        self._integrity = _Outbox(INTEGRITY)
-        self._time_to_flag = _Outbox(TIME_TO_FLAG)
-        self._heartbeat = _Outbox(FLIGHT_HEARTBEAT)
+        self._nav_state = Outbox(NAV_STATE)
+        self._integrity = Outbox(INTEGRITY)
+        self._time_to_flag = Outbox(TIME_TO_FLAG)
+        self._heartbeat = Outbox(FLIGHT_HEARTBEAT)
         self._at = reader.at
 
-    def _send(self, box: _Outbox, unix_ns: int, *values: Any) -> None:
+    def send(self, box: Outbox, unix_ns: int, *values: Any) -> None:
+        """Fill, seal, journal and send a frame: values of its fields but the last two."""
         box.pack_into(box.buffer, 0, *values, 0, 0)  # counter and CRC follow
         can_codec.seal(box.layout, box.buffer, box.counter)
         box.counter = (box.counter + 1) & 0xFF
@@ -63,8 +64,8 @@ class Publisher:
         at = self._at
         r, v = at["r_gcrf_m"], at["v_gcrf_mps"]
         t_gps_ns, mode, flag = out[at["t_gps_ns"]], out[at["mode"]], out[at["flag"]]
-        self._send(self._nav_state, unix_ns, t_gps_ns, *out[r : r + 3], *out[v : v + 3], mode, validity, flag)
-        self._send(
+        self.send(self._nav_state, unix_ns, t_gps_ns, *out[r : r + 3], *out[v : v + 3], mode, validity, flag)
+        self.send(
             self._integrity,
             unix_ns,
             t_gps_ns,
@@ -88,8 +89,8 @@ class Publisher:
 
     def time_to_flag(self, unix_ns: int, t_gps_ns: int, left_s: float, age_s: float, governing: int, lost: int) -> None:
         """TIME_TO_FLAG."""
-        self._send(self._time_to_flag, unix_ns, t_gps_ns, left_s, age_s, governing, lost)
+        self.send(self._time_to_flag, unix_ns, t_gps_ns, left_s, age_s, governing, lost)
 
     def heartbeat(self, unix_ns: int, tick: int, counter_ns: int, slips: int, rejected: int, mode: int) -> None:
         """FLIGHT_HEARTBEAT: the last frame of a tick, and the journal's mark of it."""
-        self._send(self._heartbeat, unix_ns, tick, counter_ns, slips & 0xFFFFFFFF, rejected & 0xFFFFFFFF, mode)
+        self.send(self._heartbeat, unix_ns, tick, counter_ns, slips & 0xFFFFFFFF, rejected & 0xFFFFFFFF, mode)

@@ -126,8 +126,9 @@ def check_versions(run_dir: Path) -> list[str]:
     run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
+    functions = app.load_function_tables(run_dir / "tables")
     resume = _resume(run_dir, run, navigation)
-    return differences(run, identity(navigation, orientation, *(forces or ()), resume=resume))
+    return differences(run, identity(navigation, orientation, *(forces or ()), *functions, resume=resume))
 
 
 def record_of(run_dir: Path) -> dict[str, Any]:
@@ -170,6 +171,7 @@ def replay(run_dir: Path, out_dir: Path, tell: Callable[[str], None] = lambda te
     run = record_of(run_dir)
     navigation, orientation = _tables(run_dir, run)
     forces = app.load_force_tables(run_dir / "tables", navigation)
+    functions = app.load_function_tables(run_dir / "tables")
     resume = _resume(run_dir, run, navigation)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -194,7 +196,17 @@ def replay(run_dir: Path, out_dir: Path, tell: Callable[[str], None] = lambda te
                 clock = LockstepClock(tick.counter_ns)
                 port = CanPort(bus.open)  # type: ignore[arg-type]
                 loop = app.build(
-                    navigation, orientation, clock, port, journal, Nowhere(), tick.unix_ns, None, forces, resume
+                    navigation,
+                    orientation,
+                    clock,
+                    port,
+                    journal,
+                    Nowhere(),
+                    tick.unix_ns,
+                    None,
+                    forces,
+                    resume,
+                    functions=functions,
                 )
                 if two_way:
                     _OrdersOfTheRun(loop, read_orders(run_dir / LINK_LOG))

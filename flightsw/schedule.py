@@ -110,6 +110,11 @@ class Schedule:
         """The whole tick, its members, the slack."""
         return (self.whole, *self.members, *self._slack)
 
+    def insert_before(self, name: str, member: Member) -> None:
+        """One more member, right before the one of that name."""
+        place = next(index for index, other in enumerate(self.members) if other.name == name)
+        self.members.insert(place, member)
+
     def add_slack(self, member: Member) -> None:
         """One more slack job, after those there are."""
         self._slack.append(member)

@@ -59,7 +59,9 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
     prepare_folder(out_dir)
     try:
         sink = open_link(link)
-        navigation, orientation, forces = build_tables(loaded, out_dir / "tables")
+        tables = out_dir / "tables"
+        navigation, orientation, forces = build_tables(loaded, tables)
+        functions = app.load_function_tables(tables)
     except (OperatorError, Refused, app.PreflightFailed) as error:
         raise ScenarioError(str(error)) from error
     console = Console(stderr=True)
@@ -87,6 +89,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
                         stage, description=f"compiling {name}", completed=done, total=total
                     ),
                     forces,
+                    functions=functions,
                 )
                 monitor = Monitor(world.n_ticks)
                 progress.update(stage, description=f"flying {loaded.scenario.name}", total=world.n_ticks, completed=0)
@@ -101,7 +104,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
         monitor.save(out_dir / "monitor.npz")
         np.savez(out_dir / "estimate.npz", t_gps_ns=estimate[0], da_mps2=estimate[1])
         summary = _summarise(loaded, world, loop, monitor, navigation, wall_s, out_dir)
-        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, forces))
+        _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, forces, functions))
         _write_json(out_dir / "timing.json", _timing(loop, wall_s, clock))
         _write_json(out_dir / "summary.json", summary)
         progress.update(stage, description="drawing figures")
@@ -226,11 +229,15 @@ def _summarise(
 
 
 def _provenance(
-    loaded: LoadedScenario, navigation: TableImage, orientation: TableImage, forces: app.ForceTables | None
+    loaded: LoadedScenario,
+    navigation: TableImage,
+    orientation: TableImage,
+    forces: app.ForceTables | None,
+    functions: tuple[TableImage, ...],
 ) -> dict[str, Any]:
     """What flew, and in which world: enough to repeat the run, and to say whether a replay may give the same bytes."""
     allowed = loaded.scenario.flight.allow_saturating
-    flight = identity(navigation, orientation, *(forces or ()), allow_saturating=allowed)
+    flight = identity(navigation, orientation, *(forces or ()), *functions, allow_saturating=allowed)
     return {
         "scenario": loaded.scenario.name,
         "seed": loaded.scenario.seed,

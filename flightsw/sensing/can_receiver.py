@@ -56,6 +56,10 @@ class CanReceiver:
             )
         }
 
+    def listen(self, layout: FrameLayout, take: Callable[[bytearray], None]) -> None:
+        """Hand intact frames of one more kind to `take`, in a buffer that the next one overwrites."""
+        self._inboxes[layout.frame_id] = _Inbox(layout, take)
+
     def drain(self, unix_ns: int) -> None:
         """Take what waits, up to the limit; the rest waits for the next tick."""
         receive = self._port.receive
