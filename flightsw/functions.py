@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class Services(NamedTuple):
     """What the loop lends to a function.
 
-    receiver: `listen` to a kind of frame. assembly: where fixes for navigation are put. publisher: `send` a frame of its
-    own from an `Outbox`. downlink: `add` a message of its own, written to link. unix_ns: log time of this tick.
+    receiver: `listen` to a kind of frame. assembly: where fixes for navigation are put. publisher: `send` a frame of
+    its own from an `Outbox`. downlink: `add` a message of its own, written to link. unix_ns: log time of this tick.
     reading: the output record of navigation's last step, `places` of its fields.
     """
 
