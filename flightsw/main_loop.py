@@ -377,6 +377,7 @@ class MainLoop:
         while (last is None or self.tick < last) and not self.restart:
             self.clock.wait_until(deadline_ns)
             self.run_tick()
+            self.schedule.wake.account(max(0, self.counter_ns - deadline_ns))
             deadline_ns += self.period_ns
             self.rest(deadline_ns)
             late_ns = self.clock.counter_ns() - deadline_ns

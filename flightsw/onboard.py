@@ -22,6 +22,7 @@ from flightsw.kernels import registry
 from flightsw.link.mavlink_out import Nowhere, Sink
 from flightsw.link_open import LinkOptions, LinkRefused, OpenedLink, open_ground_link
 from flightsw.main_loop import MainLoop
+from flightsw.process_account import ProcessAccount
 from flightsw.provenance import identity
 from flightsw.tables.service import TableService
 from flightsw.tables.store import SLOTS, Booted, TableStore
@@ -146,6 +147,22 @@ def open_logs(
         raise Refused(f"--out {out}: cannot be written ({error.strerror}); name another folder") from error
 
 
+def _write_timing(out: Path, loop: MainLoop, account: ProcessAccount) -> None:
+    """timing.json of a flight that has ended; a disk that takes it no longer costs nothing but this."""
+    record = {
+        "lockstep": False,
+        "wall_s": account.age_s(),
+        "slips": loop.slips,
+        "ticks": loop.tick,
+        "process": account.summary(),
+        "members": loop.schedule.summary(),
+    }
+    try:
+        (out / "timing.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        print(f"flightsw: {out / 'timing.json'}: not written ({error.strerror})", file=sys.stderr)
+
+
 def _encodable(table: TableImage) -> tuple[Any, ...]:
     return (*table[:4], table.valid_from_gps_ns, table.valid_to_gps_ns)
 
@@ -208,7 +225,7 @@ def run(
     except Refused:
         sink.close()
         raise
-    loop = None
+    loop = account = None
     try:
         loop = app.build(
             navigation,
@@ -237,8 +254,11 @@ def run(
             )
         if ground is not None:
             _listen(loop, ground, link, out)
+        account = ProcessAccount()
         loop.run(ticks)
     finally:
+        if loop is not None and account is not None and out is not None:
+            _write_timing(out, loop, account)
         if loop is not None and loop.checkpoints is not None:
             loop.checkpoints.close()
         journal.close()

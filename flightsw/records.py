@@ -280,11 +280,12 @@ WORK = np.dtype(
         ("split", "i8"),  # the last step left in split_... what the forces were in its middle
         ("x_model", "f8", (STATES,)),
         # the paper's filter
-        ("phi", "f8", (PAPER_STATES, PAPER_STATES)),
+        ("phi_pull", "f8", (3, 3)),  # blocks of the transition, see filter.transition
+        *((name, "f8") for name in ("phi_step_s", "phi_square_s2")),
         ("square", "f8", (PAPER_STATES, PAPER_STATES)),
-        ("gain_form", "f8", (PAPER_STATES, PAPER_STATES)),
-        ("gain", "f8", (PAPER_STATES, MEASUREMENTS)),
-        ("gain_noise", "f8", (PAPER_STATES, MEASUREMENTS)),
+        ("gain", "f8", (MEASUREMENTS, PAPER_STATES)),  # transposed
+        ("innovation_variance", "f8", (MEASUREMENTS,)),
+        ("weight_d", "f8", (MEASUREMENTS,)),  # 1 / D of the factors of the innovation covariance
         # the flight filter
         ("motion", "f8", (6, DYNAMIC_STATES)),  # transition of r and v
         ("decay", "f8", (STATES,)),  # of the states that only decay

@@ -99,12 +99,13 @@ class Member:
 class Schedule:
     """Members in order of execution, the slack group last, and the account of whole ticks."""
 
-    __slots__ = ("_slack", "members", "whole")
+    __slots__ = ("_slack", "members", "wake", "whole")
 
     def __init__(self, members: list[Member], slack: list[Member], tick_budget_us: float) -> None:
         self.members = members
         self._slack = slack
         self.whole = Member("tick", 1, tick_budget_us, lambda: None)
+        self.wake = Member("wake", 1, tick_budget_us, lambda: None)  # how late ticks began, in real time
 
     def everyone(self) -> tuple[Member, ...]:
         """The whole tick, its members, the slack."""
@@ -141,4 +142,5 @@ class Schedule:
 
     def summary(self) -> dict[str, Any]:
         """Accounts of the whole tick and of every member, by name."""
-        return {member.name: member.summary() for member in self.everyone()}
+        told = self.everyone() if self.wake.runs == 0 else (self.wake, *self.everyone())
+        return {member.name: member.summary() for member in told}

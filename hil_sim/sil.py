@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from flightsw.journal import Journal
 from flightsw.main_loop import MainLoop
 from flightsw.nav.flight_model import FLIGHT
 from flightsw.onboard import Refused, open_link
+from flightsw.process_account import ProcessAccount
 from flightsw.provenance import identity
 from ground.errors import OperatorError
 from ground.reports.figures import make_figures
@@ -93,9 +93,10 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
                 )
                 monitor = Monitor(world.n_ticks)
                 progress.update(stage, description=f"flying {loaded.scenario.name}", total=world.n_ticks, completed=0)
-                started = time.perf_counter()
+                account = ProcessAccount()
                 estimate = _fly(world, loop, pair, monitor, clock, lambda tick: progress.update(stage, completed=tick))
-                wall_s = time.perf_counter() - started
+                wall_s = account.age_s()
+                process = account.summary()
         finally:
             journal.close()
             sink.close()
@@ -105,7 +106,7 @@ def run(loaded: LoadedScenario, out_dir: Path, link: str | None = None, speed: f
         np.savez(out_dir / "estimate.npz", t_gps_ns=estimate[0], da_mps2=estimate[1])
         summary = _summarise(loaded, world, loop, monitor, navigation, wall_s, out_dir)
         _write_json(out_dir / "run.json", _provenance(loaded, navigation, orientation, forces, functions))
-        _write_json(out_dir / "timing.json", _timing(loop, wall_s, clock))
+        _write_json(out_dir / "timing.json", _timing(loop, wall_s, clock, process))
         _write_json(out_dir / "summary.json", summary)
         progress.update(stage, description="drawing figures")
         figures = make_figures(out_dir)
@@ -252,12 +253,14 @@ def _provenance(
     }
 
 
-def _timing(loop: MainLoop, wall_s: float, clock: LockstepClock) -> dict[str, Any]:
+def _timing(loop: MainLoop, wall_s: float, clock: LockstepClock, process: dict[str, Any]) -> dict[str, Any]:
     return {
         "lockstep": True,
         "wall_s": wall_s,
         "slips": loop.slips,
         "pace_missed_ticks": clock.missed if isinstance(clock, PacedClock) else None,
+        "ticks": loop.tick,
+        "process": process,
         "members": loop.schedule.summary(),
     }
 

@@ -73,9 +73,18 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 
 def transition_at(table: Any, x: np.ndarray, dt_s: float, pole: np.ndarray, work: Any) -> None:
-    """Phi of the paper's filter at x into work.phi."""
+    """Blocks of Phi of the paper's filter at x into work."""
     gravity.gradient(table, x[0:3], pole, work.gradient)
-    filter.transition(table, x, dt_s, work.gradient, work)
+    filter.transition(table, dt_s, work.gradient, work)
+
+
+def phi_of(work: Any) -> np.ndarray:
+    """Phi (9, 9) that the blocks in work stand for; 1 + s G with s G = tau / 2 times tau G, or 0."""
+    step_s, square_s2 = float(work.phi_step_s), float(work.phi_square_s2)
+    one, pull = np.eye(3), np.array(work.phi_pull)
+    turn = one + (0.5 * step_s * pull if square_s2 > 0.0 else 0.0)
+    rows = ((turn, step_s * one, square_s2 * one), (pull, turn, step_s * one), (0.0 * one, 0.0 * one, one))
+    return np.block([list(row) for row in rows])
 
 
 Truth = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -7,7 +7,7 @@ bound that stops growing while the error does not. The parameters therefore come
 from __future__ import annotations
 
 from flightsw.kernels.registry import kernel
-from flightsw.nav.filter import gain, joseph, propagate
+from flightsw.nav.filter import condition, gain, propagate
 
 
 @kernel
@@ -28,5 +28,5 @@ def predict_bound_covariance(table, row, p, work, out):
         r[3 + i, 3 + i] = table.tuning_bound_s_v_mps[row] ** 2
     if not gain(out, r, work):
         return False
-    joseph(out, r, work, out)
+    condition(out, r, work, out)
     return True

@@ -80,7 +80,7 @@ def _step_paper(nav, table, model, ahead, dt_ns, work):
     """One step of the paper's mean and of (17)."""
     dt_s = dt_ns * 1e-9
     gravity.gradient(table, ahead.x[0:3], nav.pole, work.gradient)
-    transition(table, ahead.x, dt_s, work.gradient, work)
+    transition(table, dt_s, work.gradient, work)
     if not predict_bound_covariance(table, nav.row, ahead.P, work, ahead.P):
         return math.nan
     if manoeuvre.is_active(nav, ahead.t_gps_ns, dt_s):

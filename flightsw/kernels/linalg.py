@@ -19,27 +19,6 @@ def multiply(a, b, out):
 
 
 @kernel
-def multiply_transposed(a, b, out):
-    """out = a b' for matrices of matching shapes; `out` must be neither `a` nor `b`."""
-    for i in range(a.shape[0]):
-        for j in range(b.shape[0]):
-            total = 0.0
-            for k in range(a.shape[1]):
-                total += a[i, k] * b[j, k]
-            out[i, j] = total
-
-
-@kernel
-def symmetrise(a):
-    """a = (a + a') / 2 in place."""
-    for i in range(a.shape[0]):
-        for j in range(i):
-            mean = 0.5 * (a[i, j] + a[j, i])
-            a[i, j] = mean
-            a[j, i] = mean
-
-
-@kernel
 def cholesky(a, lower):
     """Lower Cholesky factor of symmetric `a`; False where `a` is not positive definite or not finite."""
     n = a.shape[0]

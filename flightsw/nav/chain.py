@@ -53,7 +53,7 @@ def look_ahead(nav, table, work):
     if table.filter_model == flight_model.FLIGHT:
         _look_ahead_flight(nav, table, dt_s, work)
         return
-    transition(table, nav.x, dt_s, nav.gradient_ps2, work)
+    transition(table, dt_s, nav.gradient_ps2, work)
     predict_covariance(table, nav.row, dt_s * 1e9 / table.nav_step_ns, nav.P, work, nav.P_ahead)
     possible = predict_bound_covariance(table, nav.row, nav.P_bound, work, nav.P_bound_ahead)
     if manoeuvre.is_active(nav, nav.t_gps_ns, dt_s):
@@ -300,7 +300,7 @@ def predict_to(nav, table, model, t_gps_ns, work):
             flight_model.predict(nav, table, t_ns, work.UD, dt_s, nav.drag_mps2, work, work.UD)
         else:
             gravity.gradient(table, work.x[0:3], nav.pole, work.gradient)
-            transition(table, work.x, dt_s, work.gradient, work)
+            transition(table, dt_s, work.gradient, work)
             predict_covariance(table, nav.row, step_ns / table.nav_step_ns, work.P, work, work.P)
             if manoeuvre.is_active(nav, t_ns, dt_s):
                 manoeuvre.add_noise(nav, t_ns, dt_s, work.P)

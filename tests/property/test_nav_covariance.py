@@ -69,7 +69,7 @@ def test_the_filters_own_covariance(row, integrator, u_deg, every):
         ekf.predict_covariance(table, 0, 1.0, p, work, p)
         if k % every == 0:
             assert ekf.gain(p, noise, work)
-            ekf.joseph(p, noise, work, p)
+            ekf.condition(p, noise, work, p)
             assert ekf.is_sound(table, x, p)
     assert_sound(p)
 
@@ -98,6 +98,6 @@ def test_more_information_never_gives_a_larger_covariance(row, seed):
     before = p.copy()
     noise = np.diag(np.repeat([row[3] ** 2, row[4] ** 2], 3))
     assert ekf.gain(p, noise, work)
-    ekf.joseph(p, noise, work, p)
+    ekf.condition(p, noise, work, p)
     scale = np.sqrt(np.diag(before))
     assert np.linalg.eigvalsh((before - p) / np.outer(scale, scale)).min() > -1e-9

@@ -117,5 +117,6 @@ def test_without_a_definite_innovation_there_is_no_bound(variance):
     p = start_covariance()
     p[1, 1] = variance
     table, work = record(memory.table), record(memory.work)
-    work.phi[:, :] = np.eye(9)
+    work.phi_pull[:, :] = 0.0
+    work.phi_step_s = work.phi_square_s2 = 0.0
     assert not predict_bound_covariance(table, 0, p, work, p)

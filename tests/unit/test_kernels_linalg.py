@@ -25,17 +25,6 @@ def test_products(shape):
     out = np.full((n, k), np.nan)
     linalg.multiply(a, b, out)
     np.testing.assert_allclose(out, a @ b, rtol=1e-13, atol=1e-14)
-    out[:] = np.nan
-    linalg.multiply_transposed(a, np.ascontiguousarray(b.T), out)
-    np.testing.assert_allclose(out, a @ b, rtol=1e-13, atol=1e-14)
-
-
-def test_symmetrise():
-    a = RNG.standard_normal((9, 9))
-    b = a.copy()
-    linalg.symmetrise(b)
-    assert (b == b.T).all()
-    np.testing.assert_allclose(b, (a + a.T) / 2, rtol=1e-15)
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])

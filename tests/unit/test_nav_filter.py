@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_bench import MU_M3PS2, circular_orbit, loaded_memory, record, transition_at, two_body
+from flight_bench import MU_M3PS2, circular_orbit, loaded_memory, phi_of, record, transition_at, two_body
 from mpmath import mp, mpf
 
 from flightsw.kernels import integrators
@@ -83,7 +83,7 @@ def test_four_hundred_steps_of_the_paper(sigma_r, sigma_v):
     for k, z in enumerate(measurements(400, sigma_r, sigma_v)):
         x, p, phi = paper_step(x, p, (1.0, 0.01, 1e-6))
         flight.predict()
-        assert np.abs(flight.work.phi - phi).max() <= 1e-15
+        assert np.abs(phi_of(flight.work) - phi).max() <= 1e-15
         assert np.abs(flight.p - p).max() <= 1e-9 * np.abs(p).max()
         if k % 3:
             expected = z - x[:6]
@@ -151,7 +151,7 @@ def test_transition_is_the_derivative_of_the_step(name):
             integrators.advance(flight.table, x, 1.0, POLE, flight.work.stages)
         column = (up - down) / (2.0 * step_of[j])
         # rounding of the difference; what the second order leaves out, G tau^3 / 6
-        assert np.abs(flight.work.phi[:, j] - column).max() < 3e-9 / step_of[j] + 5e-7
+        assert np.abs(phi_of(flight.work)[:, j] - column).max() < 3e-9 / step_of[j] + 5e-7
 
 
 def test_transition_with_rk4_is_the_matrix_exponential_but_for_its_third_order():
@@ -164,35 +164,70 @@ def test_transition_with_rk4_is_the_matrix_exponential_but_for_its_third_order()
     with mp.workdps(40):
         exact = np.array(mp.expm(mp.matrix(a.tolist())).tolist(), dtype=float)
     third = a @ a @ a / 6.0
-    assert np.abs(flight.work.phi + third - exact).max() < 2e-7  # tau^4 / 24 of the gradient
-    assert np.abs(flight.work.phi - exact).max() < 4.1e-7
-    assert np.abs(flight.work.phi - exact)[:, :3].max() < 1e-12
+    assert np.abs(phi_of(flight.work) + third - exact).max() < 2e-7  # tau^4 / 24 of the gradient
+    assert np.abs(phi_of(flight.work) - exact).max() < 4.1e-7
+    assert np.abs(phi_of(flight.work) - exact)[:, :3].max() < 1e-12
+
+
+def stand_still(work):
+    """Phi = 1."""
+    work.phi_pull[:, :] = 0.0
+    work.phi_step_s = work.phi_square_s2 = 0.0
 
 
 def test_noise_goes_with_the_share_of_a_step():
     flight = FlightFilter()
-    flight.work.phi[:, :] = np.eye(9)
+    stand_still(flight.work)
     p = np.zeros((9, 9))
     ekf.predict_covariance(flight.table, 1, 0.25, p, flight.work, p)
     np.testing.assert_allclose(np.diag(p), 0.25 * np.repeat([30.0, 0.01, 1e-6], 3), rtol=1e-15)
 
 
-def test_joseph_form_is_symmetric_and_right_for_any_gain():
-    """(I - K H) P (I - K H)' + K R K' for a gain that is not optimal, where (10) would be wrong."""
+@pytest.mark.parametrize("integrator", [0, 1])
+def test_propagation_is_the_product_of_the_matrices(integrator):
+    """Phi P Phi' + Q for any covariance, symmetric to the last bit, in place as well."""
+    rng = np.random.default_rng(5)
+    flight = FlightFilter(integrator=integrator)
+    start(flight)
+    transition_at(flight.table, flight.x, 7.0, POLE, flight.work)
+    root = rng.standard_normal((9, 9)) * np.repeat([1e3, 1.0, 1e-3], 3)[:, None]
+    p, out = root @ root.T, np.full((9, 9), np.nan)
+    p = 0.5 * (p + p.T)
+    ekf.propagate(p, 3.0, 0.2, 1e-7, flight.work, out)
+    phi = phi_of(flight.work)
+    wanted = phi @ p @ phi.T + np.diag(np.repeat([3.0, 0.2, 1e-7], 3))
+    assert (np.abs(out - wanted) <= 1e-13 * scale_of(wanted)).all()
+    assert (out == out.T).all()
+    ekf.propagate(p, 3.0, 0.2, 1e-7, flight.work, p)
+    assert (p == out).all()
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e6, 1e12])
+def test_update_keeps_its_digits_where_the_gain_is_almost_one(ratio):
+    """(10) in 60 digits, for noise of turned axes and covariances up to 12 decades above it; in place as well."""
     rng = np.random.default_rng(4)
     flight = FlightFilter()
     root = rng.standard_normal((9, 9))
-    p, noise = root @ root.T, np.diag(rng.uniform(0.1, 3.0, 6))
-    gain = rng.standard_normal((9, 6))
-    flight.work.gain[:, :] = gain
-    out = np.zeros((9, 9))
-    ekf.joseph(p, noise, flight.work, out)
-    form = np.eye(9) - gain @ H
-    np.testing.assert_allclose(out, form @ p @ form.T + gain @ noise @ gain.T, rtol=1e-12, atol=1e-11)
+    p = root @ root.T
+    p, noise = 0.5 * (p + p.T), np.zeros((6, 6))
+    for block in (slice(0, 3), slice(3, 6)):
+        axes, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+        noise[block, block] = axes @ np.diag(rng.uniform(0.3, 3.0, 3)) @ axes.T / ratio
+    noise = 0.5 * (noise + noise.T)
+    with mp.workdps(60):
+        exact_p, h = mp.matrix(p.tolist()), mp.matrix(H.tolist())
+        spread = h * exact_p * h.T + mp.matrix(noise.tolist())
+        gain = exact_p * h.T * spread**-1
+        wanted = np.array(((mp.eye(9) - gain * h) * exact_p).tolist(), dtype=float)
+        gain = np.array(gain.tolist(), dtype=float)
+    assert ekf.gain(p, noise, flight.work)
+    np.testing.assert_allclose(np.array(flight.work.gain).T, gain, rtol=1e-10, atol=1e-11)
+    out = np.full((9, 9), np.nan)
+    ekf.condition(p, noise, flight.work, out)
+    assert (np.abs(out - wanted) <= 1e-9 * scale_of(wanted)).all()
     assert (out == out.T).all()
-    in_place = np.array((p + p.T) / 2)
-    ekf.joseph(in_place, noise, flight.work, in_place)
-    np.testing.assert_allclose(in_place, out, rtol=1e-12, atol=1e-11)
+    ekf.condition(p, noise, flight.work, p)
+    assert (p == out).all()
 
 
 @pytest.mark.parametrize("variance", [-1e6, np.nan, np.inf])
