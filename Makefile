@@ -106,6 +106,10 @@ format: setup  ## rewrite the sources in the project's format
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
+.PHONY: timing
+timing: setup  ## what a tick, a kernel and a start cost here, in lockstep and in real time: a quarter of an hour
+	@$(PY) -m ground timing $(QUICK)
+
 .PHONY: kill
 kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
 	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9

@@ -4,15 +4,13 @@ import gc
 import sys
 
 import pytest
+from budgets import BUDGETS
 from harness import Flight, fault, faults, load
 
 from flightsw import realtime
 
-WARM_TICKS = 3000
-TICKS = 10_000
-# python-can makes a Message, a data array and a time stamp for every frame and frees them again. What may differ when
-# the count is taken is whether a total has outgrown the interpreter's small numbers: 2 blocks were seen at most.
-SPARE_BLOCKS = 8
+BUDGET = BUDGETS["allocation"]
+WARM_TICKS, TICKS = BUDGET["warm_ticks"], BUDGET["ticks"]
 
 
 def fly(flight: Flight, ticks: int) -> None:
@@ -55,7 +53,7 @@ def test_ten_thousand_ticks_net_no_blocks(name: str, tmp_path) -> None:
         gc.collect()
         left = sys.getallocatedblocks() - before
     print(f"{left} blocks after {TICKS} ticks")
-    assert abs(left) <= SPARE_BLOCKS
+    assert abs(left) <= BUDGET["spare_blocks"]
 
 
 def test_the_collector_has_nothing_to_collect(tmp_path) -> None:

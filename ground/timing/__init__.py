@@ -1,0 +1,1 @@
+"""What a tick, a kernel and a start cost: `ground timing`."""

@@ -1,0 +1,122 @@
+"""`ground timing`: what a tick, a kernel and a start cost on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ground.errors import OperatorError
+
+PARTS = ("kernels", "ticks", "start", "realtime")
+USUAL_OUT = Path("runs/timing")
+QUICK_S = 1500.0  # of a scenario in lockstep
+QUICK_REAL_S = 10.0
+HELP = "measure what a tick, a kernel and a start cost on this machine"
+
+
+def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `timing` to the dispatcher."""
+    parser = subparsers.add_parser("timing", help=HELP, description=HELP)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--quick", action="store_true", help="short flights, whether all works")
+    parser.add_argument("--out", type=Path, default=USUAL_OUT, metavar="DIR", help=f"folder (default {USUAL_OUT})")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here, too")
+    parser.add_argument("--doc", type=Path, metavar="FILE", help="write the report here, too, as docs/timing.md is")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print, write; returns 0."""
+    from ground.timing import report
+
+    found: dict[str, Any] = {"machine": _machine()}
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        for part in args.parts:
+            found[part] = _MEASURES[part](args)
+        text = report.render(found)
+        (args.out / "timing.md").write_text(text, encoding="utf-8")
+        (args.out / "timing.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        if args.json is not None:
+            args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        if args.doc is not None:
+            args.doc.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OperatorError(f"{error.filename}: cannot be written ({error.strerror})") from error
+    print(text)
+    return 0
+
+
+def _machine() -> dict[str, Any]:
+    import os
+    import platform
+    from datetime import UTC, datetime
+    from importlib import metadata
+
+    name = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
+        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
+    return {
+        "processor": name,
+        "processors": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "numba": metadata.version("numba"),
+        "numpy": metadata.version("numpy"),
+        "day": datetime.now(UTC).date().isoformat(),
+    }
+
+
+def _kernels(args: argparse.Namespace) -> list[dict[str, Any]]:
+    from ground.timing import nine_states
+
+    _tell("kernels: the nine-state filter, by all ways there are here")
+    return [way._asdict() for way in nine_states.compare(rounds=3 if args.quick else 15)]
+
+
+def _ticks(args: argparse.Namespace) -> dict[str, Any]:
+    from ground.timing import flights
+
+    found = {}
+    for number, (name, (scenario, settings)) in enumerate(flights.LOCKSTEP.items()):
+        _tell(f"ticks: {scenario} in lockstep")
+        shorter = (f"time.duration_s={QUICK_S}", "outage=[]") if args.quick else ()
+        found[name] = flights.lockstep(scenario, (*settings, *shorter), args.out / f"lockstep_{number}")
+    return found
+
+
+def _start(args: argparse.Namespace) -> dict[str, float]:
+    import tempfile
+
+    from ground.timing import flights
+
+    with tempfile.TemporaryDirectory() as folder:
+        flights.start(Path(folder), cold=False)  # compiles what is not compiled yet
+        _tell("start: with compiled kernels")
+        found = {"with compiled kernels": min(flights.start(Path(folder), cold=False) for _ in range(3))}
+        if not args.quick:
+            _tell("start: compiling every kernel, a minute or two")
+            found["compiling every kernel"] = flights.start(Path(folder), cold=True)
+    return found
+
+
+def _real_time(args: argparse.Namespace) -> dict[str, Any]:
+    from ground.timing import flights
+
+    found = {}
+    for name, (period_ns, duration_s) in flights.REAL_TIME.items():
+        lasting_s = QUICK_REAL_S if args.quick else duration_s
+        _tell(f"realtime: {lasting_s:.0f} s at {name}")
+        found[name] = flights.real_time(period_ns, lasting_s, args.out / f"realtime_{name.split()[0]}hz")
+    return found
+
+
+_MEASURES = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time}
+
+
+def _tell(text: str) -> None:
+    print(f"timing: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,102 @@
+"""What was timed, as text for the terminal and for docs/timing.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+MEMBER_COLUMNS = ("runs", "mean_us", "p50_us", "p99_us", "p99.9_us", "max_us", "budget_us", "over_budget")
+
+_HEAD = """\
+# What a tick, a kernel and a start cost
+
+Written by `ground timing --doc docs/timing.md`; nothing here is typed by hand. Durations depend on the machine and on
+what else it does (the load is said): what to hold on to are ratios within one run, counts, and medians. Tests assert
+none of it but what a busy machine can promise (`tests/timing`).
+"""
+
+
+def render(found: dict[str, Any]) -> str:
+    """Markdown of all parts that were measured."""
+    machine = found["machine"]
+    parts = [
+        _HEAD,
+        f"{machine['processor']}, {machine['processors']} processors, load {machine['load']:.2f} at the beginning; "
+        f"Python {machine['python']}, numba {machine['numba']}, numpy {machine['numpy']}; {machine['day']}.\n",
+    ]
+    makers: dict[str, Callable[[Any], str]] = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time}
+    return "\n".join([*parts, *(make(found[name]) for name, make in makers.items() if name in found)])
+
+
+def _kernels(ways: list[dict[str, Any]]) -> str:
+    flight_ns = ways[0]["step_ns"]
+    lines = [
+        "## The nine-state filter, one predict and update\n",
+        "Least of some rounds over an arc of 2000 s, the ways taken in turn. The difference is the largest of the last",
+        "covariance to flight's, in shares of the standard deviations.\n",
+        "| | ns a step | to flight's | difference |",
+        "|---|---|---|---|",
+    ]
+    for way in ways:
+        ratio = way["step_ns"] / flight_ns
+        lines.append(f"| {way['name']} | {way['step_ns']:,.0f} | {ratio:.2f} | {way['difference']:.0e} |")
+    return "\n".join(lines) + "\n"
+
+
+def _ticks(flights: dict[str, dict[str, Any]]) -> str:
+    lines = ["## A tick in lockstep\n", "World, virtual bus, codec, step, telemetry and logs in one process.\n"]
+    for name, timing in flights.items():
+        speed = timing["simulated_s"] / timing["wall_s"]
+        lines += [
+            f"### {name[0].upper()}{name[1:]}\n",
+            f"{timing['ticks']:,} ticks, {speed:,.0f} times real time, {timing['slips']} slips; {_process(timing)}.\n",
+            *_members(timing["members"]),
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _start(found: dict[str, float]) -> str:
+    lines = ["## From nothing to the end of the first tick\n"]
+    lines += [f"- {name}: {seconds:.1f} s" for name, seconds in found.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _real_time(flights: dict[str, dict[str, Any]]) -> str:
+    lines = [
+        "## Real time\n",
+        "Flight beside world, bus hub and console, each a process of this machine; SCHED_FIFO and locked memory where",
+        "they are permitted. `wake` is how late ticks began.\n",
+    ]
+    for name, timing in flights.items():
+        lines += [
+            f"### {name}\n",
+            f"{timing['ticks']:,} ticks, {timing['slips']} slips; {_process(timing)}.\n",
+            *_members(timing["members"]),
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _process(timing: dict[str, Any]) -> str:
+    process = timing["process"]
+    passes = "/".join(str(count) for count in process["collector_passes"])
+    words = [f"collector passes {passes} by generation", f"{process['net_blocks']:,} more blocks of memory held"]
+    if "major_page_faults" in process:
+        words.append(f"{process['major_page_faults']} major and {process['minor_page_faults']} minor page faults")
+        words.append(f"preempted {process['preempted']:,} times")
+    if process["load"] is not None:
+        words.append(f"load {process['load']:.2f} at its end")
+    return ", ".join(words)
+
+
+def _members(members: dict[str, dict[str, Any]]) -> list[str]:
+    lines = ["| | " + " | ".join(name.removesuffix("_us").replace("_", " ") for name in MEMBER_COLUMNS) + " |"]
+    lines.append("|---|" + "---|" * len(MEMBER_COLUMNS))
+    for name, member in members.items():
+        if not member["runs"]:
+            continue
+        cells = [f"{member[c]:,.1f}" if c.endswith("_us") else f"{member[c]:,}" for c in MEMBER_COLUMNS]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines += ["", "Microseconds."]
+    return lines

@@ -1,0 +1,67 @@
+"""`ground timing`: what it reads from a flight, what it writes, and what it says where it cannot."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from flightsw.process_account import ProcessAccount
+from flightsw.schedule import Member, Schedule
+from ground.__main__ import main
+from ground.errors import OperatorError
+from ground.timing import command, flights, report
+
+
+def timing(folder: Path) -> None:
+    """What a flight leaves, written as flight writes it."""
+    idle = Member("idle", 0, 100.0, lambda: None)
+    schedule = Schedule([Member("navigate", 1, 100.0, lambda: None), idle], [], 1000.0)
+    for tick in range(50):
+        schedule.run_tick(tick)
+        schedule.wake.account(70_000)
+    record = {"wall_s": 2.0, "slips": 3, "ticks": 50, "process": ProcessAccount().summary()}
+    folder.mkdir(parents=True)
+    (folder / "timing.json").write_text(json.dumps({**record, "members": schedule.summary()}))
+    (folder / "summary.json").write_text(json.dumps({"simulated_s": 500.0}))
+
+
+def test_parts_flown_are_in_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """GIVEN flights that leave their timing WHEN the command runs THEN speed, slips, wake-up and members that ran are
+    in what is printed and in the document, and the JSON holds the parts that were asked for."""
+
+    def run(*words: str, environment: dict[str, str] | None = None) -> None:
+        timing(Path(words[words.index("--out") + 1]))
+
+    monkeypatch.setattr(flights, "_run", run)
+    doc, data = tmp_path / "timing.md", tmp_path / "timing.json"
+    words = ["--parts", "ticks", "realtime", "--out", str(tmp_path / "out"), "--doc", str(doc), "--json", str(data)]
+    assert main(["timing", "--quick", *words]) == 0
+    text = doc.read_text()
+    assert capsys.readouterr().out == text + "\n"
+    assert "50 ticks, 250 times real time, 3 slips" in text
+    assert "| wake | 50 | 70.0 | " in text
+    assert "| navigate | 50 |" in text
+    assert "| idle |" not in text
+    assert set(json.loads(data.read_text())) == {"machine", "ticks", "realtime"}
+
+
+def test_a_flight_that_fails_is_named_with_what_it_said(tmp_path: Path) -> None:
+    with pytest.raises(OperatorError, match=r"hil_sim run nowhere has ended with status 2: .*nowhere"):
+        flights.lockstep("nowhere", (), tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["timing", "--parts", "ticks", "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_ways_are_told_by_their_ratio_to_flight() -> None:
+    ways = [
+        {"name": "flight", "step_ns": 400.0, "difference": 0.0},
+        {"name": "C", "step_ns": 200.0, "difference": 2e-15},
+    ]
+    text = report.render({"machine": {**command._machine(), "load": 0.5}, "kernels": ways})
+    assert "| C | 200 | 0.50 | 2e-15 |" in text
