@@ -24,7 +24,12 @@ def render(found: dict[str, Any]) -> str:
         f"{machine['processor']}, {machine['processors']} processors, load {machine['load']:.2f} at the beginning; "
         f"Python {machine['python']}, numba {machine['numba']}, numpy {machine['numpy']}; {machine['day']}.\n",
     ]
-    makers: dict[str, Callable[[Any], str]] = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time}
+    makers: dict[str, Callable[[Any], str]] = {
+        "kernels": _kernels,
+        "ticks": _ticks,
+        "start": _start,
+        "realtime": _real_time,
+    }
     return "\n".join([*parts, *(make(found[name]) for name, make in makers.items() if name in found)])
 
 

@@ -2,10 +2,10 @@
 
 The state error of an outage does not depend on the settings of (17). Errors, and the gradient of gravity that the
 transition takes at each epoch, are flown once (`outages.py`); here nothing but covariances move. Flight's own kernel
-does one outage at a time with general matrix products; this one knows the structure of Phi, takes the six
-pseudo-measurements one after the other (their noise is diagonal, so the result is the same) and has sixteen outages
-side by side, innermost, where the processor does several at once. A test holds it against flight's kernel; every row
-found is flown in the end.
+does one outage at a time and six measurements together; this one takes the six pseudo-measurements one after the other
+(their noise is diagonal, so the result is the same) and has sixteen outages side by side, innermost, where the
+processor does several at once (lanes_step.py). A test holds it against flight's kernel; every row found is flown in
+the end.
 """
 
 from __future__ import annotations
@@ -15,109 +15,63 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flightsw.kernels.registry import I8, MATRIX, TIMES, VECTOR, entry, kernel, types
+from flightsw.kernels.registry import I8, MATRIX, TIMES, VECTOR, entry, types
+from ground.tuning.lanes_step import LANES, SIZE, STATES, transit_euler, transit_runge_kutta, update
 
-LANES = 16  # side by side: what a step needs stays in the processor's first cache
 PARAMETERS = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "s_r_m", "s_v_mps")
-_STATES = 9
+_YY, _ZZ = (STATES + 1) * LANES, (2 * STATES + 2) * LANES  # of the position's variances
 _BLOCKS = types.Array(types.float64, 3, "C")
 
 
-@kernel
-def _transit(p, m, g, dt_s, second, lanes):
-    """p = Phi p Phi' in place (9, 9, LANES); g (6, LANES): xx, xy, xz, yy, yz, zz of the gradient."""
-    # m = Phi p, row by row
-    for j in range(9):
-        for i in range(3):
-            a, b, c = (0, 1, 2) if i == 0 else ((1, 3, 4) if i == 1 else (2, 4, 5))
-            for k in range(lanes):
-                pull = g[a, k] * p[0, j, k] + g[b, k] * p[1, j, k] + g[c, k] * p[2, j, k]
-                pull_v = g[a, k] * p[3, j, k] + g[b, k] * p[4, j, k] + g[c, k] * p[5, j, k]
-                m[i, j, k] = p[i, j, k] + second * pull + dt_s * p[3 + i, j, k] + second * p[6 + i, j, k]
-                m[3 + i, j, k] = dt_s * pull + p[3 + i, j, k] + second * pull_v + dt_s * p[6 + i, j, k]
-                m[6 + i, j, k] = p[6 + i, j, k]
-    # p = m Phi', the same of its columns; above the diagonal, and below it as a copy
-    for i in range(9):
-        for j in range(3):
-            a, b, c = (0, 1, 2) if j == 0 else ((1, 3, 4) if j == 1 else (2, 4, 5))
-            for k in range(lanes):
-                pull = g[a, k] * m[i, 0, k] + g[b, k] * m[i, 1, k] + g[c, k] * m[i, 2, k]
-                pull_v = g[a, k] * m[i, 3, k] + g[b, k] * m[i, 4, k] + g[c, k] * m[i, 5, k]
-                p[i, j, k] = m[i, j, k] + second * pull + dt_s * m[i, 3 + j, k] + second * m[i, 6 + j, k]
-                p[i, 3 + j, k] = dt_s * pull + m[i, 3 + j, k] + second * pull_v + dt_s * m[i, 6 + j, k]
-                p[i, 6 + j, k] = m[i, 6 + j, k]
-    for i in range(9):
-        for j in range(i):
-            for k in range(lanes):
-                mean = 0.5 * (p[i, j, k] + p[j, i, k])
-                p[i, j, k] = mean
-                p[j, i, k] = mean
-
-
-@kernel
-def _update(p, column, r_m2, v_m2ps2, lanes):
-    """Six scalar pseudo-measurements of positions and velocities, of these variances; the state is left alone."""
-    for h in range(6):
-        variance = r_m2 if h < 3 else v_m2ps2
-        for k in range(lanes):
-            column[9, k] = 1.0 / (p[h, h, k] + variance)
-        for i in range(9):
-            for k in range(lanes):
-                column[i, k] = p[i, h, k]
-        for i in range(9):
-            for k in range(lanes):
-                column[10, k] = column[i, k] * column[9, k]
-            for j in range(i, 9):
-                for k in range(lanes):
-                    value = p[i, j, k] - column[10, k] * column[j, k]
-                    p[i, j, k] = value
-                    p[j, i, k] = value
-
-
-@entry(_BLOCKS, _BLOCKS, MATRIX, TIMES, VECTOR, VECTOR, I8, _BLOCKS, MATRIX, MATRIX, TIMES)
+@entry(_BLOCKS, _BLOCKS, MATRIX, TIMES, VECTOR, VECTOR, I8, MATRIX, MATRIX, MATRIX, TIMES)
 def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_m, found, broken):
     """See `carry`. True if every outage stayed within what is allowed; else the rest is not computed.
 
-    settings: dt [s], second-order term of Phi, k_axis, margin, limit [m]. work (4, 81, LANES): scratch.
+    settings: dt [s], 1 for Runge-Kutta, k_axis, margin, limit [m]. work (3, SIZE): scratch.
     found (3, L): bound at the last epoch, largest error / bound, epoch at which the bound crosses the limit.
     """
-    dt_s, second, k_axis, margin, limit_m = settings[0], settings[1], settings[2], settings[3], settings[4]
+    dt_s, second_order, k_axis, margin, limit_m = settings[0], settings[1] > 0.0, settings[2], settings[3], settings[4]
+    r_m2, v_m2ps2 = row[3] * row[3], row[4] * row[4]
     lanes, trace = p0.shape[0], bound_m.shape[0] > 0
-    p, m = work[0].reshape((9, 9, LANES)), work[1].reshape((9, 9, LANES))
-    g, column, before = work[2], work[3], work[3, 20]
+    p, m = work[0], work[1]
+    g, before = work[2, : 6 * LANES], work[2, 6 * LANES : 7 * LANES]
+    bound, ratios = work[2, 7 * LANES : 8 * LANES], work[2, 8 * LANES : 9 * LANES]
+    g[:] = 0.0
     for first in range(0, lanes, LANES):
         here = min(LANES, lanes - first)
         longest = 0
-        for k in range(here):
-            source = first + k
+        for k in range(LANES):
+            source = first + min(k, here - 1)  # lanes to spare begin like the last outage
             if last[source] > longest:
                 longest = last[source]
-            for i in range(9):
-                for j in range(9):
-                    p[i, j, k] = p0[source, i, j]
-            before[k] = k_axis * math.sqrt(max(p[0, 0, k], max(p[1, 1, k], p[2, 2, k])))
+            for i in range(STATES):
+                for j in range(i, STATES):
+                    p[(STATES * i + j) * LANES + k] = p0[source, i, j]
+            before[k] = k_axis * math.sqrt(max(p0[source, 0, 0], max(p0[source, 1, 1], p0[source, 2, 2])))
         for epoch in range(longest):
             for i in range(6):
                 for k in range(here):
-                    g[i, k] = gradient_ps2[epoch, i, first + k]
-            _transit(p, m, g, dt_s, second, here)
-            for i in range(9):
-                for k in range(here):
-                    p[i, i, k] += row[i // 3]
-            _update(p, column, row[3] * row[3], row[4] * row[4], here)
+                    g[i * LANES + k] = gradient_ps2[epoch, i, first + k]
+            if second_order:
+                transit_runge_kutta(p, m, g, dt_s)
+            else:
+                transit_euler(p, m, g, dt_s)
+            update(p, row[0], row[1], row[2], r_m2, v_m2ps2)
+            for k in range(LANES):
+                bound[k] = k_axis * math.sqrt(max(p[k], max(p[_YY + k], p[_ZZ + k])))
+            for k in range(here):
+                ratios[k] = error_m[epoch + 1, first + k] / bound[k]
             for k in range(here):
                 lane = first + k
                 if epoch + 1 > last[lane]:
                     continue
-                largest = max(p[0, 0, k], max(p[1, 1, k], p[2, 2, k]))
-                s_m = k_axis * math.sqrt(largest)
+                s_m, ratio = bound[k], ratios[k]
                 if trace:
                     bound_m[epoch + 1, lane] = s_m
                 if s_m > limit_m and not (found[2, lane] >= 0.0):
                     share = (limit_m - before[k]) / (s_m - before[k])
                     found[2, lane] = epoch + share if before[k] <= limit_m else 0.0
                 before[k] = s_m
-                ratio = error_m[epoch + 1, lane] / s_m
                 if not (ratio <= found[1, lane]):  # NaN stays
                     found[1, lane] = ratio
                 if not (margin * ratio <= 1.0):
@@ -196,11 +150,10 @@ def trace(outages: Outages, row: np.ndarray) -> np.ndarray:
 def _call(
     outages: Outages, last: np.ndarray, row: np.ndarray, limit_m: float, margin: float, allowed: int, bound: np.ndarray
 ) -> Carried:
-    second = 0.5 * outages.dt_s**2 if outages.runge_kutta else 0.0
     found, broken = np.full((3, len(last)), np.nan), np.zeros(len(last), np.int64)
     found[1] = 0.0
-    settings = np.array([outages.dt_s, second, outages.k_axis, margin, limit_m])
-    work = np.empty((4, _STATES * _STATES, LANES))
+    settings = np.array([outages.dt_s, float(outages.runge_kutta), outages.k_axis, margin, limit_m])
+    work = np.zeros((3, SIZE))
     row = np.ascontiguousarray(row, float)
     p0, gradient, error = outages.p0, outages.gradient_ps2, outages.error_m
     holds = _carry(p0, gradient, error, last, row, settings, allowed, work, bound, found, broken)

@@ -16,6 +16,7 @@ GENERATED = {
     "flightsw/icd/mavlink.py": "written by pymavlink's generator from leonav.xml",
     "flightsw/icd/can_frames.py": "written from sensor_bus.dbc",
     "docs/icd.md": "written from both sources",
+    "ground/tuning/lanes_step.py": "written by ground/tuning/lanes_source.py",
 }
 
 

@@ -13,7 +13,7 @@ from flightsw.icd.table_file import decode
 from flightsw.icd.table_saturation import saturation
 from ground.errors import OperatorError
 from ground.tables.build import build_navigation
-from ground.tuning import paper, paper_search, written
+from ground.tuning import lanes_source, paper, paper_search, written
 from ground.tuning.descent import Trial, admissible_start, descend
 from ground.tuning.method import Effort, Tuned
 from ground.tuning.outages import Plan, fly
@@ -68,6 +68,10 @@ def test_lanes_are_the_matrices_of_the_paper(runge_kutta: bool) -> None:
     bounds = trace(outages, ROW)
     for lane in (0, 7, 15, 16, 18):
         assert bounds[1:, lane] == pytest.approx(by_matrices(outages, lane, ROW), rel=1e-9)
+
+
+def test_the_step_in_lanes_is_fresh() -> None:
+    assert lanes_source.FILE.read_text(encoding="utf-8") == lanes_source.render()
 
 
 @pytest.mark.compiled
