@@ -24,12 +24,17 @@ MEAN_TIGHTNESS, WORST_TIGHTNESS, FLAG_SHARE = 1.5, 2.0, 0.70
 
 
 class Target(NamedTuple):
-    """A line of what is wanted: met None where it could not be judged."""
+    """A line of what is wanted: met None where it could not be judged.
+
+    integrity: whether the bound held as often as it must, without which nothing is certified. The others say how useful
+    a bound is that holds: how close to the error, how early the flag, how well foretold.
+    """
 
     what: str
     wanted: str
     measured: str
     met: bool | None
+    integrity: bool = False
 
 
 def grade_of(ensemble: Ensemble, counts: Sequence[int], quick: bool) -> str:
@@ -202,13 +207,13 @@ def judge(summary: dict[str, Any]) -> list[Target]:
     """What was wanted of the flight filter, and whether it was reached."""
     pooled, cells, integrated = summary["pooled"], summary["cells"], summary["integrated"]
     lines = [
-        below("violated outages, all cells, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"]),
-        *(below(f"violated, {c['cell']}", CELL_LIMIT, c["upper_limit_95"]) for c in cells),
-        below("violations in INTEGRATED mode per orbit, 95 % limit", POOLED_LIMIT, integrated["upper_limit_95"]),
+        rare("violated outages, all cells, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"]),
+        *(rare(f"violated, {c['cell']}", CELL_LIMIT, c["upper_limit_95"]) for c in cells),
+        rare("violations in INTEGRATED mode per orbit, 95 % limit", POOLED_LIMIT, integrated["upper_limit_95"]),
     ]
     for limit, flagging in pooled["limits"].items():
         lines.append(
-            below(f"hazardous at {limit} m, all cells, 95 % limit", POOLED_LIMIT, flagging["hazardous_upper_limit_95"])
+            rare(f"hazardous at {limit} m, all cells, 95 % limit", POOLED_LIMIT, flagging["hazardous_upper_limit_95"])
         )
     for cell in cells:
         judged = [
@@ -232,6 +237,16 @@ def below(what: str, wanted: float, measured: float) -> Target:
     if math.isnan(measured):
         return Target(what, f"<= {wanted:g}", "none", None)
     return Target(what, f"<= {wanted:g}", f"{measured:.4g}", measured <= wanted)
+
+
+def rare(what: str, wanted: float, measured: float) -> Target:
+    """A line of integrity: a rate that may not exceed what is wanted."""
+    return below(what, wanted, measured)._replace(integrity=True)
+
+
+def unproven(targets: Sequence[Target]) -> list[str]:
+    """Lines of integrity that were not reached or not judged: with one of them nothing is certified."""
+    return [line.what for line in targets if line.integrity and not line.met]
 
 
 def bin_name(ages: tuple[int, int]) -> str:

@@ -74,21 +74,24 @@ def certify(
     quick: bool = False,
     again: bool = False,
     fly: Callable[..., Arrays] = executor.complete,
+    judge: bool = False,
     **how: Any,
 ) -> Certified:
     """Fly and sum up. how: jobs, dask, chunk_runs of `executor.complete`. Raises OperatorError.
 
-    Long outages of the same table, if the folder has any (`endure`), go into the certificate: they say to what age.
+    judge: fly nothing, sum up what another version of this software may have flown. Long outages of the same table, if
+    the folder has any (`endure`), go into the certificate: they say to what age.
     """
-    attempt = _begin(folder, table_set, ensemble, runs, quick, again, code_hash())
-    figures = fly(attempt.place, attempt.flight, runs, advance, **how)
+    attempt = _begin(folder, table_set, ensemble, runs, quick, again, None if judge else code_hash())
+    figures = store.collect(attempt.place, runs) if judge else fly(attempt.place, attempt.flight, runs, advance, **how)
     summary = certificate.summarise(ensemble, figures)
     targets = certificate.judge(summary)
     counts = [int(np.sum(figures["cell"] == cell)) for cell in ensemble.cells]
     grade = certificate.grade_of(ensemble, counts, quick)
     long = _long_outages(folder, attempt.what["table_sha256"])
     if long is not None:
-        targets += [certificate.Target(**line) for line in long["targets"]]
+        # one that does not say so counts as of integrity
+        targets += [certificate.Target(**({"integrity": True} | line)) for line in long["targets"]]
     document = _document(attempt, grade, summary["pooled"], targets, folder) | {
         "format": "leonav certificate 1",
         "envelope": certificate.envelope(ensemble, figures) | _certified_age(ensemble, long),
@@ -108,13 +111,17 @@ def endure(
     quick: bool = False,
     again: bool = False,
     fly: Callable[..., Arrays] = executor.complete,
+    judge: bool = False,
     **how: Any,
 ) -> Certified:
     """Fly outages past the flag and sum up; ensemble: of `endurance.ensemble_of`. As `certify`, in folder/long."""
     place = folder / LONG
-    attempt = _begin(place, table_set, ensemble, runs, quick, again, code_hash(long=True))
-    flight = endurance.flight_of(attempt.flight)
-    figures = fly(attempt.place, flight, runs, advance, work=endurance.fly_chunk, **how)
+    attempt = _begin(place, table_set, ensemble, runs, quick, again, None if judge else code_hash(long=True))
+    if judge:
+        figures = store.collect(attempt.place, runs)
+    else:
+        flight = endurance.flight_of(attempt.flight)
+        figures = fly(attempt.place, flight, runs, advance, work=endurance.fly_chunk, **how)
     summary = endurance_summary.summarise(figures, ensemble.outage_s[1])
     targets = endurance_summary.judge(summary)
     grade = endurance_summary.grade_of(figures, quick)
@@ -135,9 +142,9 @@ class _Attempt(NamedTuple):
 
 
 def _begin(
-    folder: Path, table_set: str, ensemble: Ensemble, runs: int, quick: bool, again: bool, code: str
+    folder: Path, table_set: str, ensemble: Ensemble, runs: int, quick: bool, again: bool, code: str | None
 ) -> _Attempt:
-    """Write the attempt down, and make the folder of its runs."""
+    """Write the attempt down, and make the folder of its runs. code: hash; None: the last attempt, whatever flew it."""
     image = build_navigation(table_set)
     what = {
         "table_set": table_set,
@@ -147,6 +154,8 @@ def _begin(
         "runs": runs,
         "quick": quick,
     }
+    if code is None:
+        code = what["code_sha256"] = _flown_by(folder, what)
     number = int(attempts.begin(folder, what, again)["attempt"])
     flight = Flight(ensemble, seeds.certification(image, ensemble.document(), number), table_set)
     place = folder / f"attempt-{number:03d}"
@@ -154,11 +163,24 @@ def _begin(
     return _Attempt(number, what, image, flight, place)
 
 
+def _flown_by(folder: Path, what: dict[str, Any]) -> str:
+    """Hash of the code of the last attempt. Raises OperatorError where that is of something else, or there is none."""
+    held = attempts.read(folder)
+    if not held:
+        raise OperatorError(f"{folder}: nothing was flown there; fly first, or name the folder of a campaign")
+    last = held[-1]["what"]
+    other = sorted(key for key, value in what.items() if key != "code_sha256" and last.get(key) != value)
+    if other:
+        raise OperatorError(f"{folder}: its last attempt is of something else ({', '.join(other)} differ)")
+    return str(last["code_sha256"])
+
+
 def _document(
     attempt: _Attempt, grade: str, pooled: dict[str, Any], targets: list[certificate.Target], folder: Path
 ) -> dict[str, Any]:
     """Finish the attempt; what every document of a campaign says."""
     missed = [line.what for line in targets if line.met is False]
+    unproven = certificate.unproven(targets)
     result = {
         "grade": grade,
         "outages": pooled["outages"],
@@ -169,7 +191,7 @@ def _document(
     ensemble = attempt.flight.ensemble
     return {
         "grade": grade,
-        "certified": grade == "full" and not missed,
+        "certified": grade == "full" and not unproven,
         "table_set": attempt.what["table_set"],
         "table_crc32": f"{decode(attempt.image).crc32:08x}",
         "table_sha256": attempt.what["table_sha256"],
@@ -181,6 +203,7 @@ def _document(
         "attempts": attempts.finish(folder, attempt.number, result),
         "targets": [line._asdict() for line in targets],
         "missed": missed,
+        "unproven": unproven,
     }
 
 

@@ -38,6 +38,9 @@ def add_arguments(subparsers: Any) -> None:
     parser.add_argument("--jobs", type=int, metavar="N", help="processes to fly in (default: 2, or 1 on one processor)")
     parser.add_argument("--dask", metavar="ADDRESS", help="fly on a Dask cluster instead, for example tcp://host:8786")
     parser.add_argument("--chunk", type=int, default=20, metavar="N", help="runs that are kept at a time (default 20)")
+    parser.add_argument(
+        "--judge", action="store_true", help="fly nothing: sum up again what was flown, by whatever version of this"
+    )
     parser.add_argument("--again", action="store_true", help="a new attempt even though the last one is finished")
 
 
@@ -47,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if value is not None and value < least:
             raise OperatorError(f"--{name} {value}: give {least} or more")
+    if args.judge and args.again:
+        raise OperatorError("--judge flies nothing, --again a new attempt: give one of them")
     folder = args.out if args.out is not None else Path("runs") / "certify" / Path(args.table_set).stem
     if folder.exists() and not folder.is_dir():
         raise OperatorError(f"--out {folder}: is a file; name a folder")
@@ -75,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
                 lambda n: progress.advance(task, n),
                 args.quick,
                 args.again,
+                judge=args.judge,
                 jobs=jobs,
                 dask=args.dask,
                 chunk_runs=args.chunk,

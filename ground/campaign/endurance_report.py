@@ -83,6 +83,30 @@ def _lines(document: dict[str, Any], targets: list[Target], drawn: list[Path]) -
             for f in (one["limits"][limit],)
         ],
     )
+    found += [
+        "",
+        "## Had every bound been smaller",
+        "",
+        "At the ages that are kept; T_flag / T at the lowest limit.",
+        "",
+    ]
+    found += report.table(
+        [
+            "factor",
+            "violated",
+            "limit at 95 %",
+            *[f"T_flag / T, {low:g}-{high:g} km" for low, high in ALTITUDE_BANDS_KM],
+        ],
+        [
+            [
+                f"{one['factor']:g}",
+                str(one["violated"]),
+                f"{one['upper_limit_95']:.4f}",
+                *[report.text(share) for share in one["t_flag_over_t"]],
+            ]
+            for one in summary["trade_off"]
+        ],
+    )
     found += ["", "## Was the flag foretold?", "", "Without those in which a burn was announced later.", ""]
     found += report.table(
         ["limit [m]", "asked", "outages", "off by more than 2 % or 25 s", "median [s]", "95 % [s]", "worst [s]"],

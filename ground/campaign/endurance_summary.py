@@ -15,9 +15,9 @@ from ground.campaign.certificate import (
     POOLED_LIMIT,
     SETTLED_S,
     Target,
-    below,
     bin_name,
     number,
+    rare,
     violations,
 )
 from ground.campaign.outage import LIMITS_M, Arrays, ages_s
@@ -26,6 +26,7 @@ from ground.campaign.statistics import CONTENT, quantile, tightness, upper_limit
 FULL_BAND_RUNS = 1000
 ASKED = ("at loss", "at 60 s", "at half time")
 FORETOLD_SHARE, FORETOLD_S = 0.02, 25.0  # of the age of the flag; the refresh time of the tables
+FACTORS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6)  # of every bound, for the trade-off
 _WIDE = len(F107_RANGES_SFU)
 
 
@@ -56,17 +57,18 @@ def summarise(figures: Arrays, longest_s: float) -> dict[str, Any]:
         "bands": bands,
         "cells": cells,
         "foretold": {f"{limit:g}": _foretold(figures, k) for k, limit in enumerate(LIMITS_M)},
+        "trade_off": [_traded(figures, factor, longest_s) for factor in FACTORS],
     }
 
 
 def judge(summary: dict[str, Any]) -> list[Target]:
     """What is wanted of long outages, and whether it was reached."""
     pooled = summary["pooled"]
-    lines = [below("long outages violated, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"])]
-    lines += [below(f"violated, {b['band']}", CELL_LIMIT, b["upper_limit_95"]) for b in summary["bands"]]
+    lines = [rare("long outages violated, 95 % limit", POOLED_LIMIT, pooled["upper_limit_95"])]
+    lines += [rare(f"violated, {b['band']}", CELL_LIMIT, b["upper_limit_95"]) for b in summary["bands"]]
     for limit in pooled["limits"]:
         hazard = pooled["limits"][limit]["hazardous_upper_limit_95"]
-        lines.append(below(f"hazardous at {limit} m, 95 % limit", POOLED_LIMIT, hazard))
+        lines.append(rare(f"hazardous at {limit} m, 95 % limit", POOLED_LIMIT, hazard))
         for cell in summary["cells"]:
             share = cell["limits"][limit]["t_flag_over_t"]
             met = None if share is None else share >= FLAG_SHARE
@@ -129,6 +131,33 @@ def _flags(figures: Arrays, rows: np.ndarray) -> dict[str, Any]:
             "t_flag_over_t": number(t_flag_s / t_s if math.isfinite(t_s) else math.nan),
         }
     return found
+
+
+def _traded(figures: Arrays, factor: float, longest_s: float) -> dict[str, Any]:
+    """Had every bound been smaller by a factor: outages broken before the flag at the highest limit, at the ages that
+    are kept, and by band the median T_flag / T at the lowest limit."""
+    started = figures["started"]
+    ages = ages_s(longest_s)
+    bound_m = factor * figures["bound_m"]
+    axis_m = np.abs(figures["error_m"]).max(axis=2)
+    with np.errstate(invalid="ignore"):
+        flagged = np.maximum.accumulate(bound_m > LIMITS_M[-1], axis=1)
+        broken = started & ((axis_m > bound_m) & ~flagged).any(axis=1)
+        above = bound_m > LIMITS_M[0]
+    t_flag_s = np.where(above.any(axis=1), ages[above.argmax(axis=1)], np.inf)
+    t_error_s = np.nan_to_num(figures["crossing_error_s"][:, 0], nan=np.inf)
+    settled = started & (figures["acquisition_s"] >= SETTLED_S) & (figures["burns"] == 0)
+    shares = []
+    for rows in _bands(figures):
+        t_s = _smallest(t_error_s[settled & rows], 1.0 - CONTENT)
+        shares.append(number(_smallest(t_flag_s[settled & rows], 0.5) / t_s if math.isfinite(t_s) else math.nan))
+    trials = int(started.sum())
+    return {
+        "factor": factor,
+        "violated": int(broken.sum()),
+        "upper_limit_95": upper_limit(int(broken.sum()), trials) if trials else 1.0,
+        "t_flag_over_t": shares,
+    }
 
 
 def _smallest(values: np.ndarray, share: float) -> float:

@@ -25,6 +25,8 @@ def verdict(document: dict[str, Any], targets: list[Target]) -> list[str]:
         word = "CERTIFIED"
     else:
         word = "NOT CERTIFIED" if document["grade"] == "full" else "NOT CERTIFIED: a quick campaign certifies nothing"
+    if document["certified"]:
+        word += f" to an age of {document['envelope']['age_s']:.0f} s"
     return [
         f"{document['table_set']} (CRC {document['table_crc32']}), attempt {document['attempt']}: {word}",
         f"{pooled['outages']} outages, {pooled['violated']} with a broken bound: at most "
@@ -138,8 +140,11 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
 def wanted(targets: list[Target]) -> list[str]:
     """Targets as a table."""
     return table(
-        ["target", "wanted", "measured", "met"],
-        [[t.what, t.wanted, t.measured, {True: "yes", False: "no", None: "-"}[t.met]] for t in targets],
+        ["target", "wanted", "measured", "met", "certified without"],
+        [
+            [t.what, t.wanted, t.measured, {True: "yes", False: "no", None: "-"}[t.met], "no" if t.integrity else "yes"]
+            for t in targets
+        ],
     )
 
 

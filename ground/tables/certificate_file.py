@@ -66,8 +66,8 @@ def read_certificate(path: Path) -> np.ndarray:
     if not isinstance(document, dict):
         raise OperatorError(f"{path}: holds no certificate; `ground certify` writes one")
     if document.get("certified") is False and str(document.get("grade")).lower() == "full":
-        missed = ", ".join(str(one) for one in document.get("missed") or ["its targets"])
-        raise OperatorError(f"{path}: certification missed {missed}; a table that missed is not signed: tune it anew")
+        lacking = ", ".join(str(one) for one in document.get("unproven") or document.get("missed") or ["its targets"])
+        raise OperatorError(f"{path}: certification missed {lacking}; a table that missed is not signed: tune it anew")
     values = np.zeros(1, CERTIFICATE.dtype)
     for field in CERTIFICATE.fields:
         if field.name in _FILLED_IN:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ground import __main__ as ground_command
-from ground.campaign import attempts, certificate, certify, floor, pictures, report, seeds
+from ground.campaign import attempts, certificate, certify, floor, pictures, report, seeds, store
 from ground.campaign.ensemble import Ensemble, draw
 from ground.campaign.outage import ages_s
 from ground.errors import OperatorError
@@ -174,6 +174,48 @@ def test_certificate_and_report_name_what_was_certified(tmp_path: Path) -> None:
     for path in drawn:
         assert path.stat().st_size > 10_000
         assert f"figures/{path.name}" in text
+
+
+def test_a_campaign_is_judged_again_without_being_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN a finished campaign WHEN other code judges it THEN nothing is flown or begun, and the certificate names the
+    code that flew; a folder of something else, or with runs still to fly, is refused and left as it is."""
+
+    def flown(place: Path, flight: object, runs: int, advance: object, **how: object) -> certify.Arrays:
+        store.save_chunk(place, 0, runs - 1, figures(runs))
+        return store.collect(place, runs)
+
+    first = certify.certify(tmp_path, "flight", ENSEMBLE, 24, lambda n: None, fly=flown).document
+    monkeypatch.setattr(certify, "code_hash", lambda long=False: "f" * 64)
+    ledger = (tmp_path / attempts.LEDGER).read_bytes()
+    again = certify.certify(tmp_path, "flight", ENSEMBLE, 24, lambda n: None, judge=True).document
+    assert again == first
+    assert (tmp_path / attempts.LEDGER).read_bytes() == ledger
+    coloured = Ensemble(noise="coloured")
+    for changed, said in (((coloured, 24), "ensemble_sha256 differ"), ((ENSEMBLE, 25), "runs differ")):
+        with pytest.raises(OperatorError, match=said):
+            certify.certify(tmp_path, "flight", *changed, lambda n: None, judge=True)
+    with pytest.raises(OperatorError, match="nothing was flown there"):
+        certify.endure(tmp_path, "flight", ENSEMBLE, 24, lambda n: None, judge=True)
+    assert (tmp_path / attempts.LEDGER).read_bytes() == ledger
+    next((tmp_path / "attempt-001" / store.CHUNKS).iterdir()).unlink()
+    with pytest.raises(OperatorError, match="24 of 24 runs are not flown yet"):
+        certify.certify(tmp_path, "flight", ENSEMBLE, 24, lambda n: None, judge=True)
+
+
+def test_only_integrity_stands_between_a_full_campaign_and_its_certificate() -> None:
+    """GIVEN what was wanted WHEN a flag came too early or a bound was loose THEN nothing is unproven; WHEN a bound
+    broke too often, or how often could not be told, THEN it is."""
+    held = certificate.judge(certificate.summarise(ENSEMBLE, figures(24)))
+    of_integrity = [line for line in held if line.integrity]
+    assert [line.what.split(",")[0] for line in of_integrity[:1]] == ["violated outages"]
+    assert sum("hazardous" in line.what for line in of_integrity) == 2
+    assert sum("INTEGRATED" in line.what for line in of_integrity) == 1
+    assert not any("tightness" in line.what or "T_flag" in line.what for line in of_integrity)
+    fine = [line._replace(met=True) for line in held]
+    for place, line in enumerate(fine):
+        for met in (False, None):
+            changed = [*fine[:place], line._replace(met=met), *fine[place + 1 :]]
+            assert certificate.unproven(changed) == ([line.what] if line.integrity else [])
 
 
 def test_only_sets_of_the_flight_filter_are_certified() -> None:

@@ -68,6 +68,10 @@ def test_what_is_counted_is_what_was_put_in() -> None:
     assert (told["asked"], told["missed"]) == (1199, 2)
     assert summary["foretold"]["50"]["at half time"]["missed"] == 0
     assert summary["foretold"]["2000"]["at 60 s"]["asked"] == 0
+    as_flown, *_, smallest = summary["trade_off"]
+    # half of every bound is error, and the flag comes with the first age that is kept
+    assert (as_flown["factor"], as_flown["violated"], smallest["factor"], smallest["violated"]) == (1.0, 0, 0.6, 0)
+    assert smallest["upper_limit_95"] == pytest.approx(1.0 - 0.05 ** (1 / 1200))
     judged = {line.what: line for line in endurance_summary.judge(summary)}
     assert judged["flag at 50 m foretold at 60 s"].met is False
     assert judged["flag at 50 m foretold at loss"].met

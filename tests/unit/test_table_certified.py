@@ -8,12 +8,19 @@ from pathlib import Path
 import pytest
 from certificates import certified
 
-from flightsw.icd.certificate import open_certificate
+from flightsw.icd.certificate import CERTIFICATE, open_certificate
+from flightsw.icd.enums import Certificate
 from flightsw.icd.table_file import decode
+from flightsw.icd.table_saturation import saturation
+from flightsw.kernels import registry
+from flightsw.tables import stimulus
 from ground.__main__ import main
 from ground.errors import OperatorError
 from ground.tables.build import SETS, build_navigation, list_sets
+from ground.tables.certificate_file import read_certificate
 from ground.tables.certified import SUFFIX, build_certified, keep_beside
+
+CERTIFICATES = Path(__file__).resolve().parents[2] / "docs" / "certificates"
 
 
 @pytest.fixture
@@ -74,3 +81,23 @@ def test_certificates_that_ship_are_those_of_their_sets(name: str) -> None:
     image, lacking = build_certified(name)
     assert bool(decode(image).certificate) == (SETS / f"{name}{SUFFIX}").is_file()
     assert "not used" not in lacking
+
+
+@pytest.mark.compiled
+def test_set_flight_ships_certified_and_this_software_computes_what_was_certified() -> None:
+    """GIVEN the set that ships certified WHEN its table is opened THEN it says what the published certificate says, of
+    grade full and to a day; the kernels of this software answer its stimulus; the linter has nothing to say."""
+    image, lacking = build_certified("flight")
+    assert lacking == ""
+    table = decode(image)
+    block = open_certificate(table, None)
+    assert block is not None
+    published = read_certificate(CERTIFICATES / "flight-accf1d76.json")
+    for field in CERTIFICATE.fields:
+        if field.name not in ("issued_gps_ns", "stimulus_sha256"):
+            assert (block.values[field.name] == published[field.name]).all(), field.name
+    assert int(block.values["grade"][0]) == Certificate.FULL
+    assert float(block.values["certified_age_s"][0]) == 86_400.0
+    registry.warm_up()
+    stimulus.check(block.stimulus, table.values)
+    assert saturation(table.values, 86_400.0) == []
