@@ -55,7 +55,13 @@ Maker = Callable[[TableImage, Services], Function]
 
 def _makers() -> dict[str, Callable[[], Maker]]:
     """By kind of table; a function's modules are imported where its table is flown, and nowhere else."""
-    return {}
+    return {"crosslink": _crosslink}
+
+
+def _crosslink() -> Maker:
+    from flightsw import crosslink_function
+
+    return crosslink_function.make
 
 
 KINDS = tuple(_makers())

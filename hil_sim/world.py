@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hil_sim import announcements, faults, frames, gps_time
+from hil_sim import announcements, crosslinks, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
 from hil_sim.scenario import LoadedScenario, resolve_data_file
@@ -137,6 +137,10 @@ class World:
             flown = flown_burns(loaded)
             others = announcements.encode(scenario, flown, truth, start, start + duration_ns, streams)
             sent = frames.in_order([sent, injector.corrupt_frames(others, receiver=False)])
+        if scenario.crosslink is not None:
+            tell("crosslinks")
+            links = crosslinks.encode(scenario, truth, start, start + duration_ns, streams.crosslinks)
+            sent = frames.in_order([sent, injector.corrupt_frames(links, receiver=False)])
         return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent)
 
     def counter_ns(self, k: int) -> int:
@@ -211,6 +215,7 @@ class World:
             "da_true_mps2": self.truth.acceleration_residual(da_t),
             "outages": self.outages_gps_ns,
             **self._burn_arrays(),
+            **crosslinks.truth_arrays(self.scenario),
         }
 
     def _burn_arrays(self) -> dict[str, np.ndarray]:

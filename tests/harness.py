@@ -36,6 +36,7 @@ from ground.tables.forces import build_force_tables
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario
+from hil_sim.sil import function_tables
 from hil_sim.world import World
 
 NS = 1_000_000_000
@@ -118,6 +119,7 @@ class Flight:
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
             forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
+            functions=[decode(image) for image in function_tables(loaded).values()],
         )
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload
