@@ -35,8 +35,12 @@ from hil_sim.scenario_schema import (
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 DATA_VARIABLE = "LEONAV_DATA"
-_ITEMS: dict[str, type[Section]] = {"outage": Outage, "burn": Burn, "command": Command, "fault": Fault} | {
-    "crosslink_fault": CrosslinkFault
+_ITEMS: dict[str, type[Section]] = {
+    "outage": Outage,
+    "burn": Burn,
+    "command": Command,
+    "fault": Fault,
+    "crosslink_fault": CrosslinkFault,
 }
 _FREE_TABLES = ("flight.table",)
 _ALTERNATIVES = {"orbit.period_s": "semi_major_axis_m", "orbit.semi_major_axis_m": "period_s"}

@@ -37,6 +37,7 @@ from ground.tables.certified import build_certified
 from ground.tables.crosslink import build_crosslink
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from hil_sim import crosslink_evaluation
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
@@ -237,6 +238,9 @@ def _summarise(
             "saturation": saturation(navigation.values) if loaded.scenario.flight.allow_saturating else [],
         },
     }
+    links = crosslink_evaluation.evaluate_run(out_dir)
+    if links is not None:
+        summary["crosslinks"] = links
     summary["verdict"] = render_verdict(summary).splitlines()
     return summary
 
