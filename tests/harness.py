@@ -198,12 +198,15 @@ def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
     stop = start + round(loaded.scenario.time.duration_s * NS)
     image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    for kind, function in function_tables(loaded).items():
+        (folder / f"{kind}.tbl").write_bytes(function)
 
 
 def save_run(flight: Flight, folder: Path) -> Path:
     """Put beside the logs of a flight what a replay needs; returns the folder."""
     save_run_tables(flight.loaded, folder / "tables")
-    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation)))
+    functions = app.load_function_tables(folder / "tables")
+    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation, *functions)))
     return folder
 
 
