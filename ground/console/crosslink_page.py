@@ -83,6 +83,8 @@ def plain_words(told: Crosslink, stale: str) -> str:
     """All of it in a few words, for a line. stale: mark of a message that is not renewed."""
     excluded = f", excluded {named_words(told.faulty)}" if told.faulty else ""
     epoch = "" if told.epoch_age_s <= EPOCH_STALE_S else f", no epoch for {seconds(told.epoch_age_s)}"
+    if math.isnan(told.epoch_age_s):
+        epoch = ", no epoch yet"
     statistic = f", {_against(told.network_statistic, told.network_threshold)}"
     return f"crosslinks: own message {own_words(told.own_state)}{excluded}{statistic}{epoch}{stale}"
 
