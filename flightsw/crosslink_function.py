@@ -16,7 +16,6 @@ from flightsw.crosslink.monitor import monitor_epoch
 from flightsw.crosslink.own import FAULT, SUSPECT
 from flightsw.crosslink.records import LINKS, SATELLITES
 from flightsw.crosslink.setup import MonitorMemory, Settings
-from flightsw.functions import Services
 from flightsw.icd import mavlink as m
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.can_frames import CROSSLINK_EPHEMERIS, CROSSLINK_RANGES, CROSSLINK_STATUS
@@ -26,6 +25,7 @@ from flightsw.icd.table_file import TableImage
 from flightsw.publishing import Outbox
 from flightsw.records_io import RecordReader
 from flightsw.sensing.crosslink_assembly import CrosslinkAssembly
+from flightsw.services import Services
 
 OWN_FAULT = 1 << int(AlertId.CROSSLINK_OWN_FAULT)
 OWN_SUSPECT = 1 << int(AlertId.CROSSLINK_OWN_SUSPECT)
@@ -63,7 +63,7 @@ def settings_of(values: np.ndarray) -> Settings:
 
 
 class CrosslinkFunction:
-    """One monitor, fed by the bus. `conditions`, `happened`: alerts, as flightsw.functions says."""
+    """One monitor, fed by the bus. `conditions`, `happened`: alerts, as flightsw.services says."""
 
     name = "crosslink"
     budget_us = 10_000.0
