@@ -25,8 +25,13 @@ def check_crosslinks(scenario: Scenario) -> Iterator[Problem]:
         )
     if link.own > link.satellites:
         yield Problem("crosslink.own", f"{link.own} is not one of {link.satellites}", "give a number up to that")
-    if scenario.orbit.source != "propagated":
+    real = link.precise is not None
+    if real != (link.broadcast is not None):
+        yield Problem("crosslink.precise", "a real day has both orbits and messages", "give both, or neither")
+    if not real and scenario.orbit.source != "propagated":
         yield Problem("crosslink.own", "a replayed orbit is in no pattern", 'set orbit.source = "propagated"')
+    if real and scenario.orbit.source == "propagated":
+        yield Problem("crosslink.precise", "a propagated orbit is not that of the day", 'set orbit.source = "file"')
     if math.fmod(link.period_s * 1e9, _GRID_NS):
         yield Problem(
             "crosslink.period_s", f"{link.period_s:g} s is no whole number of 0.1 s", "use for example 1 or 2"

@@ -25,6 +25,7 @@ def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray])
     """Epochs judged, whom flight named in vain, and of every fault when it was named.
 
     Times are seconds of true GPS time after the start, taken at the tick whose frame said so; satellites count from 1.
+    real_day: on a day of real messages whom it named, when, and by how much those were wrong.
     named_s: all satellites of the fault are excluded, the own one where it is called wrong; None: never.
     """
     own, zero_ns = int(truth["crosslink_own"]), int(truth["t_true_gps_ns"][0])
@@ -45,12 +46,32 @@ def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray])
     ):
         wrong |= np.where((epoch_s >= start_s) & (epoch_s < end_s), int(mask), 0)
     in_vain = told["named"].astype(np.int64) & ~wrong & np.where(fresh, -1, 0)
+    if "crosslink_error_m" in truth:  # of a real day: whether it was in vain the true error tells, not the scenario
+        real = {"real_day": [one for k in np.flatnonzero(in_vain) for one in _named(truth, int(in_vain[k]), said_s[k])]}
+        in_vain = np.zeros_like(in_vain)
+    else:
+        real = {}
     return {
         "own": own + 1,
         "epochs": int(np.count_nonzero(fresh & (told["t_gps_ns"] > 0))),
         "faults": faults,
+        **real,
         "named_in_vain": sorted({bit + 1 for mask in in_vain for bit in range(32) if int(mask) >> bit & 1}),
     }
+
+
+def _named(truth: Mapping[str, np.ndarray], mask: int, said_s: float) -> list[dict[str, Any]]:
+    """Satellites of a mask, with the true error of what they broadcast when they were named."""
+    row = min(int(np.searchsorted(truth["crosslink_error_t_s"], said_s)), len(truth["crosslink_error_t_s"]) - 1)
+    return [
+        {
+            "satellite": bit + 1,
+            "named_s": round(float(said_s), 3),
+            "error_m": round(float(truth["crosslink_error_m"][row, bit]), 3),
+        }
+        for bit in range(32)
+        if mask >> bit & 1
+    ]
 
 
 def _fault(

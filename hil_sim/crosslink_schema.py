@@ -47,6 +47,8 @@ class Crosslink(Section, frozen=True):
         Meta(description="1-sigma of its growth: radial, along, cross, clock, in m/s"),
     ] = (0.0017, 0.0002, 0.0002, 0.0)
     upload_s: Annotated[float, _range(60.0, 86400.0, "from one upload to the next in seconds")] = 1800.0
+    precise: Annotated[str, Meta(description="precise orbits (SP3) of a day of GLONASS, not a pattern")] | None = None
+    broadcast: Annotated[str, Meta(description="messages (RINEX navigation) of that day")] | None = None
     latency_s: Annotated[float, _range(0.0, 10.0, "epoch to the arrival of its first frame in seconds")] = 0.1
     spread_s: Annotated[float, _range(0.0, 10.0, "over which the frames of an epoch are spread, in seconds")] = 0.5
 

@@ -17,7 +17,15 @@ def crosslink_story(links: Any) -> Iterator[str]:
         yield _fault(fault, own)
     if len(faults) > MAX_FAULTS_SHOWN:
         yield f"{len(faults) - MAX_FAULTS_SHOWN} more wrong messages: see summary.json."
+    for one in links.get("real_day") or []:
+        yield (
+            f"Flight excluded satellite {one.get('satellite')} at {one.get('named_s', 0.0):.0f} s; "
+            f"what it really broadcast was wrong by {one.get('error_m', 0.0):.1f} m."
+        )
     vain = links.get("named_in_vain") or []
+    if "real_day" in links:
+        yield f"Crosslinks: flight judged {links.get('epochs', 0):,} epochs of real messages as satellite {own}."
+        return
     named = f"named {_satellites(vain)} without reason" if vain else "named nobody without reason"
     yield f"Crosslinks: flight judged {links.get('epochs', 0):,} epochs as satellite {own} and {named}."
 

@@ -209,6 +209,18 @@ def test_lost_frames_cost_whole_epochs_and_silence_is_no_health() -> None:
     assert flown.at(45.0)["own_state"] == CrosslinkState.CLEAR
 
 
+def test_after_a_gap_the_search_for_slow_faults_begins_anew() -> None:
+    """GIVEN ten seconds without a frame, more than the table's five, THEN epochs are judged again, nobody is named, and
+    no block of the history from before the gap is used any more; a short gap leaves the history as it is."""
+    gap, short = (Flown("time.duration_s=40", HEALTHY, faults(fault("frame_drop", 15, s))) for s in (10, 2))
+    for flown, since in ((gap, 2), (short, 0)):
+        (function,) = flown.flight.loop._functions
+        history = function.memory.history  # type: ignore[attr-defined]
+        assert history["since"][0, :24].tolist() == [since] * 24
+        assert not any(int(record["faulty"]) for _, record in flown.status)
+        assert flown.at(40.0)["own_state"] == CrosslinkState.CLEAR
+
+
 def test_the_own_satellite_alone_without_exchange() -> None:
     """GIVEN that nobody tells what he measured WHEN the own message jumps by 70 m THEN its own links show it within
     2 s, and the network is said not to be judged."""

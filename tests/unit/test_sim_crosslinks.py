@@ -126,7 +126,7 @@ def test_healthy_errors_have_the_named_sigma_at_every_age() -> None:
     upload and half an hour later, and so is the spread of their rates."""
     link = scenario.load("crosslink_jump", ["crosslink.satellites=32", "crosslink.planes=4"]).scenario.crosslink
     assert link is not None
-    said = _Messages(link, 400 * 1800.0, [], np.random.default_rng(3))
+    said = _Messages(link, 400 * 1800.0, np.random.default_rng(3))
     t_s = np.arange(0.0, 399 * 1800.0, 450.0)
     errors = np.array([said.at(t)[0] for t in t_s])
     rates = np.array([said.at(t + 0.01)[0] for t in t_s]) - errors
