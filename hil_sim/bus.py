@@ -11,7 +11,7 @@ from types import TracebackType
 import can
 import numpy as np
 
-from flightsw.icd.can_frames import FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
+from flightsw.icd.can_frames import CROSSLINK_STATUS, FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.errors import BusError
 
@@ -68,6 +68,8 @@ class Monitor:
         self._integrity = bytearray(n_ticks * INTEGRITY.length)
         self._has_nav = bytearray(n_ticks)
         self._has_integrity = bytearray(n_ticks)
+        self._crosslink = bytearray()  # verdicts of the inter-satellite monitor, and the rows they belong to
+        self._crosslink_row: list[int] = []
         self._beat = np.zeros(1, dtype=FLIGHT_HEARTBEAT.dtype)
         self.rows = 0
         self.received = 0
@@ -106,21 +108,33 @@ class Monitor:
                 self._tick[row] = int.from_bytes(data[:8], "little")
                 self.rows = row + 1
                 return
+        elif frame_id == CROSSLINK_STATUS.frame_id:
+            if _intact(data, CROSSLINK_STATUS):
+                self._crosslink += data
+                self._crosslink_row.append(row)
+                return
         else:
             self.other_frames += 1
             return
         self.bad_frames += 1
 
     def records(self) -> dict[str, np.ndarray]:
-        """tick (n,), nav (n,) NAV_STATE and integrity (n,) INTEGRITY records, has_nav and has_integrity (n,) bool."""
+        """tick (n,), nav (n,) NAV_STATE and integrity (n,) INTEGRITY records, has_nav and has_integrity (n,) bool.
+
+        crosslink (m,): CROSSLINK_STATUS records, if there are any, each of the row crosslink_row (m,).
+        """
         n = self.rows
-        return {
+        records = {
             "tick": self._tick[:n].copy(),
             "nav": np.frombuffer(bytes(self._nav), dtype=NAV_STATE.dtype)[:n],
             "integrity": np.frombuffer(bytes(self._integrity), dtype=INTEGRITY.dtype)[:n],
             "has_nav": np.frombuffer(bytes(self._has_nav), dtype=bool)[:n],
             "has_integrity": np.frombuffer(bytes(self._has_integrity), dtype=bool)[:n],
         }
+        if self._crosslink_row:
+            records["crosslink"] = np.frombuffer(bytes(self._crosslink), dtype=CROSSLINK_STATUS.dtype)
+            records["crosslink_row"] = np.array(self._crosslink_row, np.int64)
+        return records
 
     def save(self, path: Path) -> None:
         """Write monitor.npz."""

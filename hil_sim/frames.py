@@ -9,7 +9,16 @@ from typing import Protocol
 import numpy as np
 
 from flightsw.icd.can_codec import new_buffer, seal
-from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
+from flightsw.icd.can_frames import (
+    ATTITUDE,
+    BURN,
+    CROSSLINK_EPHEMERIS,
+    CROSSLINK_RANGES,
+    GNSS_POSITION,
+    GNSS_VELOCITY,
+    NAV_COMMAND,
+    TIME_SYNC,
+)
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.sensors.gnss_receiver import FixSeries, PulseSeries
 
@@ -20,6 +29,8 @@ _LAYOUTS = {
     "burn": BURN,
     "attitude": ATTITUDE,
     "command": NAV_COMMAND,
+    "crosslink_ephemeris": CROSSLINK_EPHEMERIS,
+    "crosslink_ranges": CROSSLINK_RANGES,
 }
 
 

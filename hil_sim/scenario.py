@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import msgspec
 
 from hil_sim import gps_time
+from hil_sim.crosslink_schema import CrosslinkFault
 from hil_sim.errors import DataError, ScenarioError
 from hil_sim.scenario_checks import check_events
 from hil_sim.scenario_schema import (
@@ -34,7 +35,13 @@ from hil_sim.scenario_schema import (
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 DATA_VARIABLE = "LEONAV_DATA"
-_ITEMS: dict[str, type[Section]] = {"outage": Outage, "burn": Burn, "command": Command, "fault": Fault}
+_ITEMS: dict[str, type[Section]] = {
+    "outage": Outage,
+    "burn": Burn,
+    "command": Command,
+    "fault": Fault,
+    "crosslink_fault": CrosslinkFault,
+}
 _FREE_TABLES = ("flight.table",)
 _ALTERNATIVES = {"orbit.period_s": "semi_major_axis_m", "orbit.semi_major_axis_m": "period_s"}
 _UNITS = {"s": "seconds", "m": "metres", "mps": "metres per second", "deg": "degrees", "hz": "hertz"} | {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from hil_sim.crosslink_checks import check_crosslinks
 from hil_sim.fault_kinds import ON_THE_BUS, RECEIVER_TARGETS
 from hil_sim.scenario_schema import Burn, Command, Fault, Problem, Scenario
 
@@ -26,6 +27,7 @@ def check_events(scenario: Scenario) -> Iterator[Problem]:
     for i, fault in enumerate(scenario.fault):
         yield from _check_fault(f"fault.{i}", fault, scenario)
     yield from _check_recording(scenario)
+    yield from check_crosslinks(scenario)
 
 
 def _check_recording(scenario: Scenario) -> Iterator[Problem]:

@@ -12,19 +12,18 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta, Struct, field
 
+from hil_sim.crosslink_schema import Crosslink, CrosslinkFault
 from hil_sim.fault_kinds import CAN_FD_LENGTHS, KINDS, TARGETS
+from hil_sim.scenario_section import Probability as Probability
+from hil_sim.scenario_section import Section as Section
+from hil_sim.scenario_section import StartAge as StartAge
+from hil_sim.scenario_section import range_meta as _range
 
 EARTH_RADIUS_M = 6_378_137.0
 MINIMUM_ALTITUDE_M = 150e3
 
 
-def _range(low: float, high: float, why: str) -> Meta:
-    return Meta(ge=low, le=high, description=why)
-
-
 Moment = Annotated[str, Meta(description="calendar date and time, e.g. 2019-01-01T00:00:00")]
-StartAge = Annotated[float, _range(0.0, 1e7, "seconds after the scenario's start")]
-Probability = Annotated[float, _range(0.0, 1.0, "probability, 0 to 1")]
 
 
 # each component, and what the three are
@@ -44,10 +43,6 @@ VelocitySigma = Annotated[
 ]
 
 
-class Section(Struct, forbid_unknown_fields=True, frozen=True):
-    """Base of every table of a scenario."""
-
-
 class Time(Section, kw_only=True, frozen=True):
     start: Moment
     scale: Annotated[str, Meta(pattern="^(gps|utc|tai)$", description="gps, utc or tai")] = "gps"
@@ -60,8 +55,8 @@ class Orbit(Section, frozen=True):
     source: Annotated[
         str, Meta(pattern="^(propagated|file|sp3|georb)$", description="propagated, or file (sp3, georb: the same)")
     ] = "propagated"
-    period_s: Annotated[float, _range(5200.0, 7700.0, "the Keplerian period in seconds")] | None = None
-    semi_major_axis_m: Annotated[float, _range(6.5e6, 8.5e6, "semi-major axis in metres")] | None = None
+    period_s: Annotated[float, _range(5200.0, 90000.0, "the Keplerian period in seconds")] | None = None
+    semi_major_axis_m: Annotated[float, _range(6.5e6, 4.3e7, "semi-major axis in metres")] | None = None
     eccentricity: Annotated[float, _range(0.0, 0.2, "eccentricity")] = 0.001
     inclination_deg: Annotated[float, _range(0.0, 180.0, "inclination in degrees")] = 65.0
     raan_deg: Annotated[float, _range(-360.0, 360.0, "right ascension of the node in degrees")] = 0.0
@@ -238,6 +233,8 @@ class Scenario(Section, kw_only=True, frozen=True):
     oscillator: Oscillator = field(default_factory=Oscillator)
     flight: Flight
     fault: tuple[Fault, ...] = ()
+    crosslink: Crosslink | None = None
+    crosslink_fault: tuple[CrosslinkFault, ...] = ()
 
 
 class Problem(NamedTuple):

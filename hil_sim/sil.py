@@ -34,8 +34,10 @@ from ground.reports.figures import make_figures
 from ground.reports.verdict import render_verdict
 from ground.tables.build import build_navigation
 from ground.tables.certified import build_certified
+from ground.tables.crosslink import build_crosslink
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from hil_sim import crosslink_evaluation
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
@@ -149,6 +151,8 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
         build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
     )
+    for kind, image in function_tables(loaded).items():
+        (folder / f"{kind}.tbl").write_bytes(image)
     navigation, orientation = app.load_tables(folder, None, flight.allow_saturating)
     if int(navigation.values["filter_model"][0]) == FLIGHT:
         forces, gravity_field = build_force_tables(
@@ -157,6 +161,16 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
         (folder / app.FORCES_FILE).write_bytes(forces)
         (folder / app.GRAVITY_FIELD_FILE).write_bytes(gravity_field)
     return navigation, orientation, app.load_force_tables(folder, navigation)
+
+
+def function_tables(loaded: LoadedScenario) -> dict[str, bytes]:
+    """Images, by kind, of the functions beside navigation that the scenario has something for."""
+    images = {}
+    link = loaded.scenario.crosslink
+    if link is not None:
+        who = {"satellites": link.satellites, "own": link.own - 1, "two_way": int(link.two_way), "both": int(link.both)}
+        images["crosslink"] = build_crosslink(link.table_set, {**who, "epoch_s": link.period_s})
+    return images
 
 
 def _fly(
@@ -225,6 +239,9 @@ def _summarise(
             "saturation": saturation(navigation.values) if loaded.scenario.flight.allow_saturating else [],
         },
     }
+    links = crosslink_evaluation.evaluate_run(out_dir)
+    if links is not None:
+        summary["crosslinks"] = links
     summary["verdict"] = render_verdict(summary).splitlines()
     return summary
 

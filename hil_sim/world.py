@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hil_sim import announcements, faults, frames, gps_time
+from hil_sim import announcements, crosslinks, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
 from hil_sim.scenario import LoadedScenario, resolve_data_file
@@ -21,6 +21,7 @@ from hil_sim.sensors.attitude import Pointing
 from hil_sim.sensors.oscillator import Oscillator
 from hil_sim.sensors.streams import open_streams
 from hil_sim.truth import burns, propagated, replayed
+from hil_sim.truth.constellation.glonass_day import read_day
 from hil_sim.truth.earth_rotation import EarthOrientation
 from hil_sim.truth.interface import TrackTruth
 
@@ -137,6 +138,10 @@ class World:
             flown = flown_burns(loaded)
             others = announcements.encode(scenario, flown, truth, start, start + duration_ns, streams)
             sent = frames.in_order([sent, injector.corrupt_frames(others, receiver=False)])
+        if scenario.crosslink is not None:
+            tell("crosslinks")
+            links = crosslinks.encode(scenario, truth, start, start + duration_ns, streams.crosslinks, real_day(loaded))
+            sent = frames.in_order([sent, injector.corrupt_frames(links, receiver=False)])
         return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent)
 
     def counter_ns(self, k: int) -> int:
@@ -211,6 +216,7 @@ class World:
             "da_true_mps2": self.truth.acceleration_residual(da_t),
             "outages": self.outages_gps_ns,
             **self._burn_arrays(),
+            **crosslinks.truth_arrays(self.scenario, real_day(self.loaded)),
         }
 
     def _burn_arrays(self) -> dict[str, np.ndarray]:
@@ -232,6 +238,19 @@ class World:
     def save_truth(self, path: Path) -> None:
         """Write truth.npz."""
         np.savez(path, **self.truth_arrays())  # type: ignore[arg-type]
+
+
+def real_day(loaded: LoadedScenario) -> crosslinks.RealDay | None:
+    """The day of GLONASS that the scenario's crosslinks are of; None where they are a pattern's."""
+    link = loaded.scenario.crosslink
+    if link is None or link.precise is None or link.broadcast is None:
+        return None
+    precise, broadcast = (
+        resolve_data_file(text, loaded.path, f"crosslink.{key}")
+        for key, text in (("precise", link.precise), ("broadcast", link.broadcast))
+    )
+    day = read_day(precise, broadcast)
+    return crosslinks.RealDay(day, link.satellites, loaded.t_start_gps_ns, earth_orientation_file(loaded))
 
 
 def _optional(loaded: LoadedScenario, key: str) -> Path | None:

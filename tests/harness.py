@@ -36,6 +36,7 @@ from ground.tables.forces import build_force_tables
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario
+from hil_sim.sil import function_tables
 from hil_sim.world import World
 
 NS = 1_000_000_000
@@ -118,6 +119,7 @@ class Flight:
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
             forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
+            functions=[decode(image) for image in function_tables(loaded).values()],
         )
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload
@@ -196,12 +198,15 @@ def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
     stop = start + round(loaded.scenario.time.duration_s * NS)
     image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    for kind, function in function_tables(loaded).items():
+        (folder / f"{kind}.tbl").write_bytes(function)
 
 
 def save_run(flight: Flight, folder: Path) -> Path:
     """Put beside the logs of a flight what a replay needs; returns the folder."""
     save_run_tables(flight.loaded, folder / "tables")
-    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation)))
+    functions = app.load_function_tables(folder / "tables")
+    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation, *functions)))
     return folder
 
 

@@ -56,6 +56,10 @@ class AlertId(IntEnum):
     LINK_REFUSED = 28
     STATE_UPLOADED = 29
     UPLOAD_REFUSED = 30
+    CROSSLINK_OWN_FAULT = 35
+    CROSSLINK_OWN_SUSPECT = 36
+    CROSSLINK_NEIGHBOUR_FAULTY = 37
+    CROSSLINK_MAJORITY = 38
 
 
 class Alert(NamedTuple):
@@ -98,6 +102,12 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.LINK_REFUSED, Severity.WARNING, "Commands refused: signature or address wrong"),
         Alert(AlertId.STATE_UPLOADED, Severity.NOTICE, "State from the ground taken: not certified"),
         Alert(AlertId.UPLOAD_REFUSED, Severity.WARNING, "State from the ground refused"),
+        Alert(AlertId.CROSSLINK_OWN_FAULT, Severity.CRITICAL, "Own broadcast message is wrong: do not use it"),
+        Alert(AlertId.CROSSLINK_OWN_SUSPECT, Severity.WARNING, "Own broadcast message in doubt"),
+        Alert(
+            AlertId.CROSSLINK_NEIGHBOUR_FAULTY, Severity.WARNING, "Another satellite's message found wrong: excluded"
+        ),
+        Alert(AlertId.CROSSLINK_MAJORITY, Severity.WARNING, "Most crosslinks disagree with own message"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

@@ -370,6 +370,180 @@ NAV_COMMAND = FrameLayout(
     crc_offset=6,
 )
 
+CROSSLINK_EPHEMERIS = FrameLayout(
+    name="CROSSLINK_EPHEMERIS",
+    frame_id=0x160,
+    length=64,
+    data_id=0x3857,
+    data_id_bytes=bytes((0x57, 0x38)),
+    sender="CROSSLINK",
+    struct_format="<qdddfffdfBBH1xBH",
+    field_names=(
+        "t_ref_gps_ns",
+        "x_gcrf_m",
+        "y_gcrf_m",
+        "z_gcrf_m",
+        "vx_gcrf_mps",
+        "vy_gcrf_mps",
+        "vz_gcrf_mps",
+        "clock_m",
+        "clock_rate_mps",
+        "satellite",
+        "healthy",
+        "issue",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_ref_gps_ns",
+                "x_gcrf_m",
+                "y_gcrf_m",
+                "z_gcrf_m",
+                "vx_gcrf_mps",
+                "vy_gcrf_mps",
+                "vz_gcrf_mps",
+                "clock_m",
+                "clock_rate_mps",
+                "satellite",
+                "healthy",
+                "issue",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f8",
+                "<f4",
+                "u1",
+                "u1",
+                "<u2",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_ref_gps_ns [ns]
+                8,  # x_gcrf_m [m]
+                16,  # y_gcrf_m [m]
+                24,  # z_gcrf_m [m]
+                32,  # vx_gcrf_mps [m/s]
+                36,  # vy_gcrf_mps [m/s]
+                40,  # vz_gcrf_mps [m/s]
+                44,  # clock_m [m]
+                52,  # clock_rate_mps [m/s]
+                56,  # satellite [-]
+                57,  # healthy [-]
+                58,  # issue [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+CROSSLINK_RANGES = FrameLayout(
+    name="CROSSLINK_RANGES",
+    frame_id=0x161,
+    length=64,
+    data_id=0x7825,
+    data_id_bytes=bytes((0x25, 0x78)),
+    sender="CROSSLINK",
+    struct_format="<qdddddfBBBBBBHBBH",
+    field_names=(
+        "t_gps_ns",
+        "range_1_m",
+        "range_2_m",
+        "range_3_m",
+        "range_4_m",
+        "range_5_m",
+        "sigma_m",
+        "receiver",
+        "sender_1",
+        "sender_2",
+        "sender_3",
+        "sender_4",
+        "sender_5",
+        "links_total",
+        "two_way",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "range_1_m",
+                "range_2_m",
+                "range_3_m",
+                "range_4_m",
+                "range_5_m",
+                "sigma_m",
+                "receiver",
+                "sender_1",
+                "sender_2",
+                "sender_3",
+                "sender_4",
+                "sender_5",
+                "links_total",
+                "two_way",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # range_1_m [m]
+                16,  # range_2_m [m]
+                24,  # range_3_m [m]
+                32,  # range_4_m [m]
+                40,  # range_5_m [m]
+                48,  # sigma_m [m]
+                52,  # receiver [-]
+                53,  # sender_1 [-]
+                54,  # sender_2 [-]
+                55,  # sender_3 [-]
+                56,  # sender_4 [-]
+                57,  # sender_5 [-]
+                58,  # links_total [-]
+                60,  # two_way [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
 NAV_STATE = FrameLayout(
     name="NAV_STATE",
     frame_id=0x200,
@@ -650,6 +824,123 @@ TIME_TO_FLAG = FrameLayout(
     crc_offset=30,
 )
 
+CROSSLINK_STATUS = FrameLayout(
+    name="CROSSLINK_STATUS",
+    frame_id=0x218,
+    length=64,
+    data_id=0xDF4B,
+    data_id_bytes=bytes((0x4B, 0xDF)),
+    sender="FLIGHT",
+    struct_format="<qIIffffffHHHHHBBBBBBB4xBH",
+    field_names=(
+        "t_gps_ns",
+        "faulty",
+        "named",
+        "own_statistic",
+        "own_threshold",
+        "network_statistic",
+        "network_threshold",
+        "weakest_m",
+        "epoch_age_s",
+        "links",
+        "own_links",
+        "rank",
+        "parameters",
+        "incomplete",
+        "own_state",
+        "majority",
+        "own",
+        "satellites",
+        "network_worst",
+        "own_peer",
+        "weakest",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "faulty",
+                "named",
+                "own_statistic",
+                "own_threshold",
+                "network_statistic",
+                "network_threshold",
+                "weakest_m",
+                "epoch_age_s",
+                "links",
+                "own_links",
+                "rank",
+                "parameters",
+                "incomplete",
+                "own_state",
+                "majority",
+                "own",
+                "satellites",
+                "network_worst",
+                "own_peer",
+                "weakest",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<u4",
+                "<u4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<u2",
+                "<u2",
+                "<u2",
+                "<u2",
+                "<u2",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # faulty [-]
+                12,  # named [-]
+                16,  # own_statistic [-]
+                20,  # own_threshold [-]
+                24,  # network_statistic [-]
+                28,  # network_threshold [-]
+                32,  # weakest_m [m]
+                36,  # epoch_age_s [s]
+                40,  # links [-]
+                42,  # own_links [-]
+                44,  # rank [-]
+                46,  # parameters [-]
+                48,  # incomplete [-]
+                50,  # own_state [-]
+                51,  # majority [-]
+                52,  # own [-]
+                53,  # satellites [-]
+                54,  # network_worst [-]
+                55,  # own_peer [-]
+                56,  # weakest [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
 LAYOUTS: dict[int, FrameLayout] = {
     TIME_SYNC.frame_id: TIME_SYNC,
     GNSS_POSITION.frame_id: GNSS_POSITION,
@@ -657,8 +948,11 @@ LAYOUTS: dict[int, FrameLayout] = {
     BURN.frame_id: BURN,
     ATTITUDE.frame_id: ATTITUDE,
     NAV_COMMAND.frame_id: NAV_COMMAND,
+    CROSSLINK_EPHEMERIS.frame_id: CROSSLINK_EPHEMERIS,
+    CROSSLINK_RANGES.frame_id: CROSSLINK_RANGES,
     NAV_STATE.frame_id: NAV_STATE,
     INTEGRITY.frame_id: INTEGRITY,
     FLIGHT_HEARTBEAT.frame_id: FLIGHT_HEARTBEAT,
     TIME_TO_FLAG.frame_id: TIME_TO_FLAG,
+    CROSSLINK_STATUS.frame_id: CROSSLINK_STATUS,
 }

@@ -141,6 +141,23 @@ class Governing(IntEnum):
     FLAG = 5  # the flag is up
 
 
+class CrosslinkState(IntEnum):
+    """What the inter-satellite links say of the own satellite's message (DBC signal `own_state`)."""
+
+    NOT_JUDGED = 0
+    CLEAR = 1
+    SUSPECT = 2  # wrong, or one neighbour's is
+    FAULT = 3
+
+
+class CrosslinkMajority(IntEnum):
+    """Majority rule over the own links (DBC signal `majority`)."""
+
+    NO_VERDICT = 0
+    RELIABLE = 1
+    UNRELIABLE = 2
+
+
 class RejectCause(IntEnum):
     """Why a frame, a pulse or a fix did not change the state; index into the 32 counters of telemetry."""
 

@@ -1477,8 +1477,42 @@ LEONAV_ALERT_ID_STATE_UPLOADED = 29
 enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_STATE_UPLOADED", """State from the ground taken: not certified""")
 LEONAV_ALERT_ID_UPLOAD_REFUSED = 30
 enums["LEONAV_ALERT_ID"][30] = EnumEntry("LEONAV_ALERT_ID_UPLOAD_REFUSED", """State from the ground refused""")
-LEONAV_ALERT_ID_ENUM_END = 31
-enums["LEONAV_ALERT_ID"][31] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_CROSSLINK_OWN_FAULT = 35
+enums["LEONAV_ALERT_ID"][35] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_OWN_FAULT", """Own broadcast message is wrong: do not use it""")
+LEONAV_ALERT_ID_CROSSLINK_OWN_SUSPECT = 36
+enums["LEONAV_ALERT_ID"][36] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_OWN_SUSPECT", """Own broadcast message in doubt""")
+LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_FAULTY = 37
+enums["LEONAV_ALERT_ID"][37] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_FAULTY", """Another satellite's message found wrong: excluded""")
+LEONAV_ALERT_ID_CROSSLINK_MAJORITY = 38
+enums["LEONAV_ALERT_ID"][38] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_MAJORITY", """Most crosslinks disagree with own message""")
+LEONAV_ALERT_ID_ENUM_END = 39
+enums["LEONAV_ALERT_ID"][39] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+
+# LEONAV_CROSSLINK_STATE
+enums["LEONAV_CROSSLINK_STATE"] = Enum()
+enums["LEONAV_CROSSLINK_STATE"].bitmask = False
+LEONAV_CROSSLINK_STATE_NOT_JUDGED = 0
+enums["LEONAV_CROSSLINK_STATE"][0] = EnumEntry("LEONAV_CROSSLINK_STATE_NOT_JUDGED", """""")
+LEONAV_CROSSLINK_STATE_CLEAR = 1
+enums["LEONAV_CROSSLINK_STATE"][1] = EnumEntry("LEONAV_CROSSLINK_STATE_CLEAR", """""")
+LEONAV_CROSSLINK_STATE_SUSPECT = 2
+enums["LEONAV_CROSSLINK_STATE"][2] = EnumEntry("LEONAV_CROSSLINK_STATE_SUSPECT", """""")
+LEONAV_CROSSLINK_STATE_FAULT = 3
+enums["LEONAV_CROSSLINK_STATE"][3] = EnumEntry("LEONAV_CROSSLINK_STATE_FAULT", """""")
+LEONAV_CROSSLINK_STATE_ENUM_END = 4
+enums["LEONAV_CROSSLINK_STATE"][4] = EnumEntry("LEONAV_CROSSLINK_STATE_ENUM_END", """""")
+
+# LEONAV_CROSSLINK_MAJORITY
+enums["LEONAV_CROSSLINK_MAJORITY"] = Enum()
+enums["LEONAV_CROSSLINK_MAJORITY"].bitmask = False
+LEONAV_CROSSLINK_MAJORITY_NO_VERDICT = 0
+enums["LEONAV_CROSSLINK_MAJORITY"][0] = EnumEntry("LEONAV_CROSSLINK_MAJORITY_NO_VERDICT", """""")
+LEONAV_CROSSLINK_MAJORITY_RELIABLE = 1
+enums["LEONAV_CROSSLINK_MAJORITY"][1] = EnumEntry("LEONAV_CROSSLINK_MAJORITY_RELIABLE", """""")
+LEONAV_CROSSLINK_MAJORITY_UNRELIABLE = 2
+enums["LEONAV_CROSSLINK_MAJORITY"][2] = EnumEntry("LEONAV_CROSSLINK_MAJORITY_UNRELIABLE", """""")
+LEONAV_CROSSLINK_MAJORITY_ENUM_END = 3
+enums["LEONAV_CROSSLINK_MAJORITY"][3] = EnumEntry("LEONAV_CROSSLINK_MAJORITY_ENUM_END", """""")
 
 # MAV_CMD
 enums["MAV_CMD"] = Enum()
@@ -1632,6 +1666,7 @@ MAVLINK_MSG_ID_LEONAV_LINK = 61408
 MAVLINK_MSG_ID_LEONAV_TIMING = 61409
 MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
 MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
+MAVLINK_MSG_ID_LEONAV_CROSSLINK = 61416
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3156,6 +3191,65 @@ class MAVLink_leonav_state_result_message(MAVLink_message):
 setattr(MAVLink_leonav_state_result_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_crosslink_message(MAVLink_message):
+    """
+    The inter-satellite monitor: who is excluded, statistics against
+    thresholds, what no range can show.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_CROSSLINK
+    msgname = "LEONAV_CROSSLINK"
+    fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest"]
+    ordered_fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest"]
+    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"own_state": "LEONAV_CROSSLINK_STATE", "majority": "LEONAV_CROSSLINK_MAJORITY"}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "weakest_m": "m", "epoch_age_s": "s"}
+    native_format = bytearray(b"<qIIffffffHHHHHBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 33
+    unpacker = struct.Struct("<qIIffffffHHHHHBBBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_crosslink_message.id, MAVLink_leonav_crosslink_message.msgname)
+        self._fieldnames = MAVLink_leonav_crosslink_message.fieldnames
+        self._instance_field = MAVLink_leonav_crosslink_message.instance_field
+        self._instance_offset = MAVLink_leonav_crosslink_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.faulty = faulty
+        self.named = named
+        self.own_statistic = own_statistic
+        self.own_threshold = own_threshold
+        self.network_statistic = network_statistic
+        self.network_threshold = network_threshold
+        self.weakest_m = weakest_m
+        self.epoch_age_s = epoch_age_s
+        self.links = links
+        self.own_links = own_links
+        self.rank = rank
+        self.parameters = parameters
+        self.incomplete = incomplete
+        self.own_state = own_state
+        self.majority = majority
+        self.own = own
+        self.satellites = satellites
+        self.network_worst = network_worst
+        self.own_peer = own_peer
+        self.weakest = weakest
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.faulty, self.named, self.own_statistic, self.own_threshold, self.network_statistic, self.network_threshold, self.weakest_m, self.epoch_age_s, self.links, self.own_links, self.rank, self.parameters, self.incomplete, self.own_state, self.majority, self.own, self.satellites, self.network_worst, self.own_peer, self.weakest), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_crosslink_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3189,6 +3283,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_TIMING: MAVLink_leonav_timing_message,
     MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD: MAVLink_leonav_state_upload_message,
     MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
+    MAVLINK_MSG_ID_LEONAV_CROSSLINK: MAVLink_leonav_crosslink_message,
 }
 
 
@@ -4772,3 +4867,63 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_state_result_encode(sequence, nis, cause), force_mavlink1=force_mavlink1)
+
+    def leonav_crosslink_encode(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int) -> MAVLink_leonav_crosslink_message:
+        """
+        The inter-satellite monitor: who is excluded, statistics against
+        thresholds, what no range can show.
+
+        t_gps_ns                  : GPS time of the epoch that was judged last; 0: none yet. [ns] (type:int64_t)
+        faulty                    : Bit i: satellite i, counted from 0, is excluded. (type:uint32_t)
+        named                     : Bit i: newly named with this epoch. (type:uint32_t)
+        own_statistic             : Of the own satellite's links; negative: not judged. (type:float)
+        own_threshold             : Above which it is a finding. (type:float)
+        network_statistic         : Largest of a satellite that is not excluded; negative: not judged. (type:float)
+        network_threshold         : Above which a satellite is named. (type:float)
+        weakest_m                 : Jump in the weakest direction of the weakest satellite that is certain to be found. [m] (type:float)
+        epoch_age_s               : Time since the epoch was judged; NaN: never. [s] (type:float)
+        links                     : Links of the epoch. (type:uint16_t)
+        own_links                 : Of these, the own satellite's. (type:uint16_t)
+        rank                      : Of all links' sensitivities. (type:uint16_t)
+        parameters                : Errors that the satellites of the epoch have together; parameters - rank no range can show. (type:uint16_t)
+        incomplete                : Epochs that never became complete, modulo 65536. (type:uint16_t)
+        own_state                 : What the links say of the own satellite's message. (type:uint8_t, values:LEONAV_CROSSLINK_STATE)
+        majority                  : Majority rule over the own links. (type:uint8_t, values:LEONAV_CROSSLINK_MAJORITY)
+        own                       : Number of the own satellite, from 0. (type:uint8_t)
+        satellites                : Of the constellation. (type:uint8_t)
+        network_worst             : Satellite of network_statistic; 255: none. (type:uint8_t)
+        own_peer                  : Neighbour that would explain the own links as well; 255: none. (type:uint8_t)
+        weakest                   : Satellite of weakest_m; 255: none. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_crosslink_message(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest)
+
+    def leonav_crosslink_send(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int, force_mavlink1: bool = False) -> None:
+        """
+        The inter-satellite monitor: who is excluded, statistics against
+        thresholds, what no range can show.
+
+        t_gps_ns                  : GPS time of the epoch that was judged last; 0: none yet. [ns] (type:int64_t)
+        faulty                    : Bit i: satellite i, counted from 0, is excluded. (type:uint32_t)
+        named                     : Bit i: newly named with this epoch. (type:uint32_t)
+        own_statistic             : Of the own satellite's links; negative: not judged. (type:float)
+        own_threshold             : Above which it is a finding. (type:float)
+        network_statistic         : Largest of a satellite that is not excluded; negative: not judged. (type:float)
+        network_threshold         : Above which a satellite is named. (type:float)
+        weakest_m                 : Jump in the weakest direction of the weakest satellite that is certain to be found. [m] (type:float)
+        epoch_age_s               : Time since the epoch was judged; NaN: never. [s] (type:float)
+        links                     : Links of the epoch. (type:uint16_t)
+        own_links                 : Of these, the own satellite's. (type:uint16_t)
+        rank                      : Of all links' sensitivities. (type:uint16_t)
+        parameters                : Errors that the satellites of the epoch have together; parameters - rank no range can show. (type:uint16_t)
+        incomplete                : Epochs that never became complete, modulo 65536. (type:uint16_t)
+        own_state                 : What the links say of the own satellite's message. (type:uint8_t, values:LEONAV_CROSSLINK_STATE)
+        majority                  : Majority rule over the own links. (type:uint8_t, values:LEONAV_CROSSLINK_MAJORITY)
+        own                       : Number of the own satellite, from 0. (type:uint8_t)
+        satellites                : Of the constellation. (type:uint8_t)
+        network_worst             : Satellite of network_statistic; 255: none. (type:uint8_t)
+        own_peer                  : Neighbour that would explain the own links as well; 255: none. (type:uint8_t)
+        weakest                   : Satellite of weakest_m; 255: none. (type:uint8_t)
+
+        """
+        self.send(self.leonav_crosslink_encode(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest), force_mavlink1=force_mavlink1)

@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from flightsw.icd.table_schema import FORCES, NAVIGATION
+from flightsw.icd.table_schema import CROSSLINK, FORCES, NAVIGATION
 
 # Grid epochs that flight keeps for late fixes; a test holds it equal to flightsw.records.HISTORY.
 HISTORY_EPOCHS = 12
 # What a receiver needs, beside the wait for the next tick, to compute a fix and send it.
 RECEIVER_MARGIN_S = 0.1
 
-_UNITS = {field.name: field.unit for schema in (NAVIGATION, FORCES) for field in schema.fields}
+_UNITS = {field.name: field.unit for schema in (NAVIGATION, FORCES, CROSSLINK) for field in schema.fields}
 
 
 def problems(kind: str, values: np.ndarray) -> list[str]:
@@ -99,4 +99,16 @@ def _forces(record: np.void) -> Iterator[str]:
     yield from _ordered(record, "valid_from_gps_ns", "valid_until_gps_ns", strictly=True)
 
 
-_RULES: dict[str, Callable[[np.void], Iterator[str]]] = {NAVIGATION.name: _navigation, FORCES.name: _forces}
+def _crosslink(record: np.void) -> Iterator[str]:
+    for name in ("own", "faulty_max"):
+        if record[name] >= record["satellites"]:
+            yield f"{name} = {record[name]} is not below satellites = {record['satellites']}; lower {name}"
+    for low, high in (("epoch_s", "gap_max_s"), ("radius_min_m", "radius_max_m")):
+        yield from _ordered(record, low, high)
+
+
+_RULES: dict[str, Callable[[np.void], Iterator[str]]] = {
+    NAVIGATION.name: _navigation,
+    FORCES.name: _forces,
+    CROSSLINK.name: _crosslink,
+}

@@ -16,6 +16,7 @@ from flightsw.icd.alerts import ALERTS, Severity
 from flightsw.icd.enums import Mode, RejectCause
 from ground.console.alarms import Alarm, fold_alarm, fold_late
 from ground.console.axes import sigma_rtn_m
+from ground.console.crosslink_told import Crosslink, fold_crosslink
 from ground.console.text import safe
 
 FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
@@ -174,6 +175,8 @@ class State:
     table: Table | None = None
     link: LinkStatus | None = None
     link_s: float | None = None
+    crosslink: Crosslink | None = None
+    crosslink_s: float | None = None
     timing: tuple[tuple[Timing, float], ...] = ()  # by place, each with the time it was heard
     sigma_rtn_m: tuple[float, float, float] | None = None  # 1-sigma, radial, along-track, cross-track
     sigma_rtn_s: float | None = None
@@ -371,7 +374,7 @@ def cause_name(cause: int) -> str:
 
 def active_alerts(word: int) -> list[str]:
     """Names of the alerts whose bit is set in the `alerts` word."""
-    return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(32) if word >> i & 1]
+    return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(64) if word >> i & 1]
 
 
 ALERT_TEXTS = frozenset(alert.text for alert in ALERTS.values())
@@ -388,6 +391,7 @@ _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "LEONAV_TABLE_STATUS": _table,
     "LEONAV_ALERT": _alert,
     "LEONAV_LINK": _link,
+    "LEONAV_CROSSLINK": fold_crosslink,
     "LEONAV_TIMING": _timing,
     "LEONAV_COVARIANCE": _covariance,
     "GPS_RAW_INT": _gps,

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
+from ground.console.crosslink_page import plain_words
 from ground.console.link import Link
 from ground.console.model import Event, State, age_s, reduce
 from ground.console.panels import flag_words, severity_word, time_left
@@ -46,6 +47,8 @@ def status_line(state: State, now_s: float, link: object = None) -> str:
         parts += [
             word for word, holds in (("BENCH", state.link.bench), ("FLAG DISARMED", not state.link.armed)) if holds
         ]
+    if state.crosslink is not None:
+        parts.append(plain_words(state.crosslink, _stale(now_s, state.crosslink_s)))
     parts.append(f"link {seconds(age_s(now_s, state.heard_s))}, heartbeat {seconds(age_s(now_s, state.heartbeat_s))}")
     if judgement.certificate:
         parts.append(judgement.certificate)

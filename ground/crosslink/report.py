@@ -118,11 +118,11 @@ def _special(found: dict[str, Any]) -> list[str]:
 
 
 def _speed(found: dict[str, Any]) -> list[str]:
-    text = ["microseconds an epoch, least / median / 99 %:"]
+    text = ["microseconds an epoch, least / median / 99 %; median of the processor's own time:"]
     for name, one in found.items():
         if name != "load":
             times = " / ".join(f"{one[key]:.0f}" for key in ("least_us", "median_us", "p99_us"))
-            text.append(f"  {name}: {one['links']} links, {times}")
+            text.append(f"  {name}: {one['links']} links, {times}; {one['processor_us']:.0f}")
     return [*text, f"  load of the machine {found['load']:.1f}"]
 
 

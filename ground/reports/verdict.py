@@ -15,6 +15,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 from typing import Any
 
+from ground.reports.crosslinks import crosslink_story
+
 WIDTH = 100
 MAX_OUTAGES_SHOWN = 3
 MAX_CAUSES_SHOWN = 6
@@ -104,6 +106,7 @@ def _story(summary: Mapping[str, Any]) -> Iterator[str]:
         yield _outage_story(outage, f"Outage {i}: " if len(outages) > 1 else "", simulated_s)
     if len(outages) > MAX_OUTAGES_SHOWN:
         yield f"{len(outages) - MAX_OUTAGES_SHOWN} more outages: see summary.json."
+    yield from crosslink_story(summary.get("crosslinks"))
 
 
 def _outage_story(outage: Mapping[str, Any], prefix: str, simulated_s: float | None) -> str:

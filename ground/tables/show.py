@@ -66,7 +66,8 @@ def _render_fields(table: TableImage) -> list[str]:
             group = field.group
             lines += ["", f"[{group}]"]
         value = record[field.name]
-        text = " ".join(f"{x:g}" for x in np.ravel(value)[:rows]) if field.shape else _scalar(field, value)
+        used = np.ravel(value)[:rows] if field.group == "tuning" else np.ravel(value)
+        text = " ".join(f"{x:g}" for x in used) if field.shape else _scalar(field, value)
         unit = "" if choices(field) or field.unit == "1" else field.unit
         lines.append(f"{field.name:<26} {text:>24} {unit:<14} {field.why}")
     return lines

@@ -56,6 +56,20 @@ def test_ten_thousand_ticks_net_no_blocks(name: str, tmp_path) -> None:
     assert abs(left) <= BUDGET["spare_blocks"]
 
 
+def test_ticks_with_crosslinks_net_no_blocks(tmp_path) -> None:
+    """GIVEN a warm flight of one of 24 satellites WHEN it takes and judges 100 epochs of 228 links, a neighbour
+    wrong, THEN no block stays."""
+    jump = "crosslink_fault=[{satellites=[9], start_s=30.0, jump_m=[0.0, 70.0, 0.0, 0.0]}]"
+    with Flight(load("time.duration_s=150", jump, name="crosslink_jump"), tmp_path) as flight:
+        fly(flight, 450)
+        gc.collect()
+        before = sys.getallocatedblocks()
+        fly(flight, 1000)
+        gc.collect()
+        left = sys.getallocatedblocks() - before
+    assert abs(left) <= SPARE_BLOCKS
+
+
 def test_the_collector_has_nothing_to_collect(tmp_path) -> None:
     """GIVEN the collector left on WHEN flight ticks 10,000 times THEN no generation-2 pass is due, and a pass made
     afterwards finds not one unreachable object: the loop makes no cycles, so switching the collector off loses nothing.

@@ -1,0 +1,253 @@
+"""One of 24 satellites with crosslinks: from ranges on the bus to the word on the operator's screen."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from harness import NS, Flight, Telemetry, fault, faults, frame, load, save_run
+
+from flightsw import replay
+from flightsw.crosslink.monitor import monitor_epoch
+from flightsw.crosslink.setup import MonitorMemory, Settings
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.can_frames import CROSSLINK_EPHEMERIS, CROSSLINK_RANGES, CROSSLINK_STATUS
+from flightsw.icd.enums import CrosslinkMajority, CrosslinkState
+from ground.console.crosslink_page import crosslink_page
+from ground.console.model import State, reduce
+
+OWN, OTHER = 1, 9  # numbers from 1
+JUMPS = (
+    f"crosslink_fault=[{{satellites=[{OTHER}], start_s=20.0, duration_s=15.0, jump_m=[0.0, 70.0, 0.0, 0.0]}},"
+    f"{{satellites=[{OWN}], start_s=75.0, duration_s=20.0, jump_m=[70.0, 0.0, 0.0, 0.0]}}]"
+)
+HEALTHY = "crosslink_fault=[]"
+
+
+class Flown:
+    """A flight with its messages, and its frames of status with the tick of each."""
+
+    def __init__(self, *settings: str, name: str = "crosslink_jump", folder: Path | None = None) -> None:
+        self.sink = Telemetry()
+        with Flight(load(*settings, name=name), folder, sink=self.sink) as flight:
+            self.flight = flight.fly()
+        self.status = [
+            (tick, np.frombuffer(payload, CROSSLINK_STATUS.dtype)[0])
+            for tick, frame_id, payload in flight.published
+            if frame_id == CROSSLINK_STATUS.frame_id
+        ]
+
+    def alerts(self, alert: AlertId) -> list[tuple[float, int]]:
+        """Age of the scenario [s] at each LEONAV_ALERT of a kind, and whether it began."""
+        start = self.flight.world.t_start_gps_ns
+        told = [m for m in self.sink.of("LEONAV_ALERT") if m.alert_id == alert]
+        return [((m.t_gps_ns - start) / NS, m.active) for m in told]
+
+    def at(self, second: float) -> np.void:
+        """The last status frame before this age of the scenario."""
+        return next(record for tick, record in reversed(self.status) if tick / 10.0 < second)
+
+
+@cache
+def jumps(folder: Path) -> Flown:
+    """Both jumps, flown once, with logs."""
+    return Flown("time.duration_s=110", JUMPS, folder=folder)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
+    folder = tmp_path_factory.getbasetemp() / "crosslink_jumps"
+    folder.mkdir(exist_ok=True)
+    return jumps(folder)
+
+
+def test_a_neighbours_jump_is_named_within_two_seconds_and_over_when_it_agrees_again(flown: Flown) -> None:
+    """GIVEN 24 healthy satellites WHEN the message of number 9 jumps by 70 m along its track at 20 s THEN within 2 s
+    flight raises CROSSLINK_NEIGHBOUR_FAULTY and names exactly it, not itself; the fault is over at 35 s, and it is
+    taken in again after 30 epochs in a row that agree.
+    """
+    (raised_s, began), (over_s, ended) = flown.alerts(AlertId.CROSSLINK_NEIGHBOUR_FAULTY)
+    assert (began, ended) == (1, 0)
+    assert 20.0 < raised_s <= 22.0
+    assert 64.0 <= over_s <= 69.0
+    during = flown.at(30.0)
+    assert int(during["faulty"]) == 1 << (OTHER - 1)
+    assert during["own_state"] == CrosslinkState.CLEAR
+    assert int(flown.at(19.0)["faulty"]) == int(flown.at(72.0)["faulty"]) == 0
+    assert int(flown.status[0][1]["t_gps_ns"]) == flown.flight.world.t_start_gps_ns
+
+
+def test_the_own_jump_is_a_critical_alert_within_two_seconds(flown: Flown) -> None:
+    """GIVEN the own message jumps by 70 m radially at 75 s, where no majority of links shows it, THEN within 2 s
+    CROSSLINK_OWN_FAULT is raised; majority rule and neighbours stay quiet; the frame says FAULT."""
+    ((raised_s, began), *_) = flown.alerts(AlertId.CROSSLINK_OWN_FAULT)
+    assert began == 1
+    assert 75.0 < raised_s <= 77.0
+    told = flown.at(80.0)
+    assert told["own_state"] == CrosslinkState.FAULT
+    assert told["majority"] == CrosslinkMajority.RELIABLE
+    assert int(told["faulty"]) in (0, 1 << (OWN - 1))
+    assert flown.alerts(AlertId.CROSSLINK_MAJORITY) == []
+    severities = {m.severity for m in flown.sink.of("LEONAV_ALERT") if m.alert_id == AlertId.CROSSLINK_OWN_FAULT}
+    assert severities == {2}
+
+
+def test_every_epoch_is_judged_once_and_the_verdict_tells_the_hidden_dimension(flown: Flown) -> None:
+    """GIVEN an epoch a second THEN each has one frame, in time order; with 228 links the rank is 89 of 96."""
+    times = [int(record["t_gps_ns"]) for _, record in flown.status]
+    start = flown.flight.world.t_start_gps_ns
+    assert times == [start + k * NS for k in range(110)]
+    assert all(tick / 10.0 - k < 1.0 for k, (tick, _) in enumerate(flown.status))
+    record = flown.at(60.0)
+    assert (int(record["rank"]), int(record["parameters"])) == (89, 96)
+    assert int(record["links"]) > 200
+    assert set(flown.flight.counts) <= {"CLOCK_UNSET"}
+
+
+def test_the_replay_says_the_same_bytes(flown: Flown, tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.getbasetemp() / "crosslink_jumps"
+    save_run(flown.flight, folder)
+    assert replay.replay(folder, folder / "again") == (1100, None, None)
+
+
+def test_the_console_shows_who_it_is(flown: Flown) -> None:
+    """GIVEN the messages of the run WHEN the console folds them up to 30 s THEN its page names satellite 9, and the
+    alarm stands; at the end the own message is no longer wrong for it than flight says."""
+    start_s, words = flown.flight.world.start_unix_ns * 1e-9, {}
+    state = State()
+    for message in flown.sink:
+        if message.get_type() == "LEONAV_CROSSLINK":
+            t_s = (message.t_gps_ns - flown.flight.world.t_start_gps_ns) / NS
+            words[round(t_s)] = crosslink_page(reduce(state, _of_flight(message), start_s + t_s), start_s + t_s).plain
+        state = reduce(state, _of_flight(message), start_s)
+    assert "excluded      satellite 9\n" in words[25]
+    assert "own message   CLEAR" in words[25]
+    assert "own message   WRONG: DO NOT USE" in words[80]
+    assert "rank 89 of 96" in words[80]
+    assert {alarm.alert_id for alarm in state.alarms} >= {35, 37}
+
+
+def _of_flight(message: Any) -> Any:
+    message._header.srcSystem = message._header.srcComponent = 1
+    return message
+
+
+def _beside(flight: Flight) -> list[int]:
+    """Satellites that a monitor excludes, by epoch, fed straight from the world's frames: no assembly, no loop."""
+    memory = MonitorMemory(Settings(both=True))
+    said, epochs = {}, {}
+    for k in range(flight.world.n_ticks):
+        for frame_id, payload in flight.world.frames_due(k):
+            if frame_id == CROSSLINK_EPHEMERIS.frame_id:
+                record = np.frombuffer(payload, CROSSLINK_EPHEMERIS.dtype)[0]
+                said[int(record["t_ref_gps_ns"]), int(record["satellite"])] = record
+            elif frame_id == CROSSLINK_RANGES.frame_id:
+                record = np.frombuffer(payload, CROSSLINK_RANGES.dtype)[0]
+                epochs.setdefault(int(record["t_gps_ns"]), []).append(record)
+    faulty = []
+    for t_ns, frames in sorted(epochs.items()):
+        links = [
+            (int(f["receiver"]), int(f[f"sender_{k}"]), float(f[f"range_{k}_m"]))
+            for f in frames
+            for k in range(1, 6)
+            if f[f"sender_{k}"] != 255
+        ]
+        if len(links) != int(frames[0]["links_total"]):
+            continue  # of the last second
+        epoch = memory.epoch[0]
+        for s in range(24):
+            record = said[t_ns, s]
+            epoch["r_m"][s] = [record[f"{axis}_gcrf_m"] for axis in "xyz"]
+            epoch["v_mps"][s] = [record[f"v{axis}_gcrf_mps"] for axis in "xyz"]
+            epoch["clock_m"][s], epoch["known"][s], epoch["issue"][s] = record["clock_m"], 1, record["issue"]
+        epoch["links"], epoch["t_gps_ns"] = len(links), t_ns
+        for place, (receiver, sender, range_m) in enumerate(links):
+            epoch["receiver"][place], epoch["sender"][place], epoch["range_m"][place] = receiver, sender, range_m
+        monitor_epoch(*memory.arguments())
+        faulty.append(int(memory.verdict["faulty"][0]))
+    return faulty
+
+
+@pytest.mark.slow
+def test_a_ramp_is_told_within_two_seconds_of_the_epoch_that_shows_it() -> None:
+    """GIVEN the message of number 17 grows wrong by 5 cm/s along its track from 30 s WHEN the monitor, fed beside the
+    loop with the same frames, first excludes it THEN flight's alert is out within 2 s of that epoch, all its verdicts
+    are those of the monitor beside it, and the error is below 8 m; nobody else is ever named."""
+    ramp = "crosslink_fault=[{satellites=[17], start_s=30.0, ramp_mps=[0.0, 0.05, 0.0, 0.0]}]"
+    flown = Flown("time.duration_s=200", ramp, name="crosslink_ramp")
+    beside = _beside(flown.flight)
+    assert [int(record["faulty"]) for _, record in flown.status] == beside[: len(flown.status)]
+    assert len(flown.status) == 200
+    seen_s = next(k for k, mask in enumerate(beside) if mask)
+    assert set(beside) == {0, 1 << 16}
+    ((raised_s, _), *_) = flown.alerts(AlertId.CROSSLINK_NEIGHBOUR_FAULTY)
+    assert 0.0 < raised_s - seen_s <= 2.0
+    assert 30.0 < seen_s <= 30.0 + 8.0 / 0.05
+
+
+def test_lost_frames_cost_whole_epochs_and_silence_is_no_health() -> None:
+    """GIVEN frames that are lost from 20 to 30 s, and none at all from 40 s on, THEN epochs that lack a frame are
+    counted and not judged; and 10 s after the last epoch the state is NOT_JUDGED, with a frame every second that
+    tells its age.
+    """
+    entries = faults(fault("frame_drop", 20, 10, probability=0.02), fault("frame_drop", 40, 60))
+    flown = Flown("time.duration_s=60", HEALTHY, entries)
+    judged = [(int(r["t_gps_ns"]) - flown.flight.world.t_start_gps_ns) // NS for _, r in flown.status]
+    lost = sorted(set(range(40)) - set(judged))
+    assert lost
+    assert all(20 <= second < 30 for second in lost)
+    assert flown.flight.counts["INCOMPLETE_EPOCH"] >= len(lost)
+    assert int(flown.status[-1][1]["incomplete"]) == len(lost)
+    assert max(judged) == 39
+    last = flown.at(60.0)
+    assert last["own_state"] == CrosslinkState.NOT_JUDGED
+    assert last["majority"] == CrosslinkMajority.NO_VERDICT
+    assert float(last["epoch_age_s"]) == pytest.approx(20.0, abs=1.5)
+    assert flown.at(45.0)["own_state"] == CrosslinkState.CLEAR
+
+
+def test_after_a_gap_the_search_for_slow_faults_begins_anew() -> None:
+    """GIVEN ten seconds without a frame, more than the table's five, THEN epochs are judged again, nobody is named, and
+    no block of the history from before the gap is used any more; a short gap leaves the history as it is."""
+    gap, short = (Flown("time.duration_s=40", HEALTHY, faults(fault("frame_drop", 15, s))) for s in (10, 2))
+    for flown, since in ((gap, 2), (short, 0)):
+        (function,) = flown.flight.loop._functions
+        history = function.memory.history  # type: ignore[attr-defined]
+        assert history["since"][0, :24].tolist() == [since] * 24
+        assert not any(int(record["faulty"]) for _, record in flown.status)
+        assert flown.at(40.0)["own_state"] == CrosslinkState.CLEAR
+
+
+def test_the_own_satellite_alone_without_exchange() -> None:
+    """GIVEN that nobody tells what he measured WHEN the own message jumps by 70 m THEN its own links show it within
+    2 s, and the network is said not to be judged."""
+    alone = f"crosslink_fault=[{{satellites=[{OWN}], start_s=15.0, jump_m=[0.0, 0.0, 70.0, 0.0]}}]"
+    flown = Flown("time.duration_s=25", "crosslink.exchange=false", alone)
+    ((raised_s, _),) = flown.alerts(AlertId.CROSSLINK_OWN_FAULT)
+    assert 15.0 < raised_s <= 17.0
+    last = flown.at(25.0)
+    assert float(last["network_statistic"]) < 0.0
+    assert int(last["faulty"]) == 0
+    assert int(last["links"]) == int(last["own_links"]) > 5
+
+
+def test_garbage_under_the_crosslinks_identifiers_is_counted_and_harms_nothing() -> None:
+    """GIVEN frames with right CRCs and absurd content between the good ones THEN they are counted, every whole epoch
+    is judged as without them, and nothing is alerted."""
+    sink = Telemetry()
+    with Flight(load("time.duration_s=12", HEALTHY, name="crosslink_jump"), sink=sink) as flight:
+        start = flight.world.t_start_gps_ns
+        while flight.k < flight.world.n_ticks:
+            k = flight.k
+            if k % 10 == 8:  # between two epochs
+                flight.put(352, frame(352, k, t_ref_gps_ns=start, satellite=3, x_gcrf_m=float("nan")))
+                flight.put(353, frame(353, k, t_gps_ns=start + (k // 10 - 4) * NS, links_total=3, sigma_m=1.0))
+                flight.put(353, frame(353, k + 1, t_gps_ns=2**62, links_total=1, sigma_m=1.0, sender_1=1))
+            flight.tick()
+    told = {m.alert_id for m in sink.of("LEONAV_ALERT")}
+    assert not told & {35, 36, 37, 38}
+    assert flight.counts["NOT_FINITE"] >= 10
+    assert flight.counts["TIME_STALE"] >= 4
