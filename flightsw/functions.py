@@ -55,7 +55,13 @@ Maker = Callable[[TableImage, Services], Function]
 
 def _makers() -> dict[str, Callable[[], Maker]]:
     """By kind of table; a function's modules are imported where its table is flown, and nowhere else."""
-    return {}
+    return {"gnss": _pseudoranges}
+
+
+def _pseudoranges() -> Maker:
+    from flightsw.pseudoranges.function import make
+
+    return make
 
 
 KINDS = tuple(_makers())

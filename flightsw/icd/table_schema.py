@@ -6,10 +6,12 @@ schema it was built with; flight refuses any other. Changing a field here change
 
 from __future__ import annotations
 
-import hashlib
-from typing import NamedTuple
-
-import numpy as np
+from flightsw.icd.table_fields import Field as Field
+from flightsw.icd.table_fields import Schema as Schema
+from flightsw.icd.table_fields import group as _group
+from flightsw.icd.table_fields import real as _real
+from flightsw.icd.table_fields import whole as _whole
+from flightsw.icd.table_gnss import GNSS as GNSS
 
 MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160
@@ -21,54 +23,9 @@ GRAVITY_COEFFICIENTS = (MAX_GRAVITY_DEGREE + 1) * (MAX_GRAVITY_DEGREE + 2)
 MAX_GRADIENT_DEGREE = 20
 
 
-class Field(NamedTuple):
-    """One field of a table: `kind` is a numpy scalar kind ('f8' or 'i8'), `default` None means required."""
-
-    name: str
-    kind: str
-    shape: tuple[int, ...]
-    unit: str
-    minimum: float
-    maximum: float
-    default: float | None
-    why: str
-    group: str = ""  # section of the set file that holds it; not part of the hash
-
-
-class Schema(NamedTuple):
-    """A kind of table: its number in the file, its fields in order."""
-
-    name: str
-    number: int
-    fields: tuple[Field, ...]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """Packed little-endian numpy dtype of the payload."""
-        return np.dtype([(f.name, "<" + f.kind, f.shape) for f in self.fields])
-
-    @property
-    def hash(self) -> int:
-        """First eight bytes of SHA-256 over names, kinds, shapes, units and ranges."""
-        text = "\n".join(f"{f.name} {f.kind} {f.shape} {f.unit} {f.minimum!r} {f.maximum!r}" for f in self.fields)
-        return int.from_bytes(hashlib.sha256(f"{self.name}\n{text}".encode()).digest()[:8], "big")
-
-
-def _real(name: str, unit: str, low: float, high: float, default: float | None, why: str, *shape: int) -> Field:
-    return Field(name, "f8", shape, unit, low, high, default, why)
-
-
-def _whole(name: str, unit: str, low: int, high: int, default: int | None, why: str) -> Field:
-    return Field(name, "i8", (), unit, low, high, default, why)
-
-
 def _row(name: str, unit: str, low: float, high: float, default: float, why: str) -> Field:
     """A column over the tuning rows; rows beyond `tuning_rows` hold the default and are never read."""
     return _real("tuning_" + name, unit, low, high, default, why, MAX_TUNING_ROWS)
-
-
-def _group(name: str, *fields: Field) -> tuple[Field, ...]:
-    return tuple(field._replace(group=name) for field in fields)
 
 
 NAVIGATION = Schema(
@@ -394,4 +351,6 @@ FORCES = Schema(
     ),
 )
 
-SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES)}
+SCHEMAS: dict[str, Schema] = {
+    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, GNSS)
+}

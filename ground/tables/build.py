@@ -128,7 +128,7 @@ def _collect(where: str, document: dict[str, Any]) -> tuple[Given, list[Given]]:
         for key, value in content.items():
             place = f"{where}: {section}.{key}"
             field = _field(place, key, section)
-            given[key] = (place, _number(place, field, value))
+            given[key] = (place, field_number(place, field, value))
     return given, rows
 
 
@@ -142,7 +142,7 @@ def _collect_rows(where: str, content: Any) -> list[Given]:
         known: Given = {}
         for key, value in row.items():
             place = f"{where}.{index}.{key}"
-            known[key] = (place, _number(place, _row_field(place, key), value))
+            known[key] = (place, field_number(place, _row_field(place, key), value))
         missing = [key for key in ROW_KEYS if key not in known]
         if missing:
             raise OperatorError(f"{where}.{index}: {', '.join(missing)} missing; a row needs every key")
@@ -159,13 +159,13 @@ def _apply(given: Given, rows: list[Given], overrides: Mapping[str, Any]) -> Non
             _, index, *rest = key.split(".")
             if len(rest) != 1 or not index.isdecimal() or int(index) >= len(rows):
                 raise OperatorError(f"{place}: write tuning.ROW.KEY, rows here: 0 to {len(rows) - 1}")
-            rows[int(index)][rest[0]] = (place, _number(place, _row_field(place, rest[0]), value))
+            rows[int(index)][rest[0]] = (place, field_number(place, _row_field(place, rest[0]), value))
         else:
             section, _, name = key.rpartition(".")
             if section and section not in SECTIONS:
                 raise OperatorError(f"{place}: unknown section{did_you_mean(section, SECTIONS)}")
             field = _field(place, name, section)
-            given[name] = (place, _number(place, field, value))
+            given[name] = (place, field_number(place, field, value))
 
 
 def _field(place: str, key: str, section: str) -> Field:
@@ -188,7 +188,7 @@ def _row_field(place: str, key: str) -> Field:
     return _FIELDS[_ROW_PREFIX + key]
 
 
-def _number(place: str, field: Field, value: Any) -> float:
+def field_number(place: str, field: Field, value: Any) -> float:
     """A checked number: right type, finite, in range. Words are accepted where the unit lists them."""
     words = choices(field)
     if isinstance(value, str) and words:

@@ -49,6 +49,19 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         help="a field of the table, for example degree=70 or area_to_mass_m2pkg=0.002; may be repeated",
     )
 
+    function = actions.add_parser("build-function", help="make the table of a function beside navigation")
+    function.add_argument("kind", metavar="KIND", help="kind of table, for example gnss")
+    function.add_argument("set", metavar="SET", help="name of a shipped set of that kind, or a .toml file")
+    function.add_argument("--out", metavar="FILE", required=True, help="binary table to write")
+    function.add_argument(
+        "--set",
+        dest="settings",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="override a key of the set, for example alpha=1e-3; may be repeated",
+    )
+
     show = actions.add_parser("show", help="print a binary table")
     show.add_argument("file", metavar="FILE")
 
@@ -88,6 +101,11 @@ def run(args: argparse.Namespace) -> int:
         return _write(Path(args.out), build_gravity_field(args.file, args.degree))
     if args.action == "build-forces":
         return _build_forces(args)
+    if args.action == "build-function":
+        from ground.tables.build import parse_setting
+        from ground.tables.functions import build_function
+
+        return _write(Path(args.out), build_function(args.kind, args.set, dict(map(parse_setting, args.settings))))
     if args.action == "show":
         from ground.tables.show import read_table, render
 
