@@ -9,7 +9,17 @@ from typing import Protocol
 import numpy as np
 
 from flightsw.icd.can_codec import new_buffer, seal
-from flightsw.icd.can_frames import ATTITUDE, BURN, GNSS_POSITION, GNSS_VELOCITY, NAV_COMMAND, TIME_SYNC
+from flightsw.icd.can_frames import (
+    ATTITUDE,
+    BURN,
+    GNSS_EPHEMERIS,
+    GNSS_EPOCH,
+    GNSS_POSITION,
+    GNSS_RANGES,
+    GNSS_VELOCITY,
+    NAV_COMMAND,
+    TIME_SYNC,
+)
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.sensors.gnss_receiver import FixSeries, PulseSeries
 
@@ -20,6 +30,9 @@ _LAYOUTS = {
     "burn": BURN,
     "attitude": ATTITUDE,
     "command": NAV_COMMAND,
+    "ephemeris": GNSS_EPHEMERIS,
+    "ranges": GNSS_RANGES,
+    "epoch": GNSS_EPOCH,
 }
 
 

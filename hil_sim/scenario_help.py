@@ -8,7 +8,8 @@ import msgspec
 
 from hil_sim.fault_kinds import KINDS
 from hil_sim.scenario import toml_text
-from hil_sim.scenario_schema import Scenario, Section, field_docs
+from hil_sim.scenario_schema import Scenario, field_docs
+from hil_sim.scenario_section import Section
 
 
 def describe_keys() -> str:

@@ -13,18 +13,15 @@ import msgspec
 from msgspec import Meta, Struct, field
 
 from hil_sim.fault_kinds import CAN_FD_LENGTHS, KINDS, TARGETS
+from hil_sim.pseudorange_schema import Pseudoranges, SatelliteFault
+from hil_sim.scenario_section import Probability, Section, StartAge
+from hil_sim.scenario_section import within as _range
 
 EARTH_RADIUS_M = 6_378_137.0
 MINIMUM_ALTITUDE_M = 150e3
 
 
-def _range(low: float, high: float, why: str) -> Meta:
-    return Meta(ge=low, le=high, description=why)
-
-
 Moment = Annotated[str, Meta(description="calendar date and time, e.g. 2019-01-01T00:00:00")]
-StartAge = Annotated[float, _range(0.0, 1e7, "seconds after the scenario's start")]
-Probability = Annotated[float, _range(0.0, 1.0, "probability, 0 to 1")]
 
 
 # each component, and what the three are
@@ -42,10 +39,6 @@ VelocitySigma = Annotated[
     tuple[_Sigma, _Sigma, _Sigma],
     Meta(description="announced 1-sigma of dv_mps; what is flown is drawn from it; in m/s"),
 ]
-
-
-class Section(Struct, forbid_unknown_fields=True, frozen=True):
-    """Base of every table of a scenario."""
 
 
 class Time(Section, kw_only=True, frozen=True):
@@ -203,6 +196,13 @@ class Flight(Section, frozen=True):
 
     table_set: Annotated[str, Meta(description="set of navigation parameters, by name")]
     table: Annotated[dict[str, Any], Meta(description="fields of the table to override")] = field(default_factory=dict)
+    gnss_set: (
+        Annotated[str, Meta(description="set of the consistency test of pseudoranges, by name; none: no such test")]
+        | None
+    ) = None
+    gnss_table: Annotated[dict[str, Any], Meta(description="fields of its table to override")] = field(
+        default_factory=dict
+    )
     allow_saturating: Annotated[
         bool, Meta(description="for a study: fly a table whose bound settles below its limit, which flight refuses")
     ] = False
@@ -238,6 +238,8 @@ class Scenario(Section, kw_only=True, frozen=True):
     oscillator: Oscillator = field(default_factory=Oscillator)
     flight: Flight
     fault: tuple[Fault, ...] = ()
+    pseudoranges: Pseudoranges | None = None
+    satellite_fault: tuple[SatelliteFault, ...] = ()
 
 
 class Problem(NamedTuple):

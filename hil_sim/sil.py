@@ -36,6 +36,7 @@ from ground.tables.build import build_navigation
 from ground.tables.certified import build_certified
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from ground.tables.functions import build_function
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
@@ -155,6 +156,8 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
         )
         (folder / app.FORCES_FILE).write_bytes(forces)
         (folder / app.GRAVITY_FIELD_FILE).write_bytes(gravity_field)
+    if flight.gnss_set is not None:
+        (folder / "gnss.tbl").write_bytes(build_function("gnss", flight.gnss_set, flight.gnss_table))
     return navigation, orientation, app.load_force_tables(folder, navigation)
 
 

@@ -23,9 +23,7 @@ GNSS = Schema(
             "test",
             whole("consistency", "0 chi_square, 1 markov, 2 none", 0, 2, 0, "test of all residuals; none: a study"),
             real("alpha", "1", 1e-12, 0.5, 5e-4, "its false alarms per epoch"),
-            real(
-                "local_alpha", "1", 0.0, 0.5, 5e-4, "false alarms of the largest normalised residual; 0: no such test"
-            ),
+            real("local_alpha", "1", 0.0, 0.5, 5e-4, "the same, of the largest normalised residual; 0: none"),
             real("sigma_factor", "1", 0.01, 1e3, 1.0, "bound of the unit-weight standard deviation"),
         ),
         *group(

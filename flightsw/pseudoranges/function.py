@@ -1,4 +1,4 @@
-"""Pseudoranges before the filter: assemble an epoch, put its satellites in place, test, exclude, protect, offer the fix.
+"""Pseudoranges before the filter: assemble an epoch, place its satellites, test, exclude, protect, offer the fix.
 
 One epoch a second or so; a tick without one does nothing. The fix goes to navigation as that of a receiver which gives
 positions only: its gate judges it as any other. See docs/adr/0019-pseudoranges-before-the-filter.md.
@@ -31,7 +31,7 @@ _AMBIGUOUS, _INCONSISTENT = int(Verdict.AMBIGUOUS), int(Verdict.INCONSISTENT)
 _USED, _LEFT_OUT = int(Row.USED), int(Row.EXCLUDED)
 _CLEAR = int(FlagState.CLEAR)
 # Earth rotation angle at the GPS epoch and its rate (IERS Conventions 2010, eq. 5.15). UT1 is taken for GPS time, the
-# pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin a solution from.
+# pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin from.
 _ERA_0 = 2.0 * math.pi * (0.7790572732640 + 1.00273781191135448 * (2_444_244.5 - 2_451_545.0))
 _ERA_RATE = 2.0 * math.pi * 1.00273781191135448 / 86_400.0
 

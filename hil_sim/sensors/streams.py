@@ -26,6 +26,7 @@ class Streams(NamedTuple):
     burns: np.random.Generator
     periodic_error: np.random.Generator
     attitude: np.random.Generator
+    pseudoranges: np.random.Generator
 
 
 def open_streams(seed: int) -> Streams:
