@@ -16,6 +16,7 @@ from flightsw.icd.alerts import ALERTS, Severity
 from flightsw.icd.enums import Mode, RejectCause
 from ground.console.alarms import Alarm, fold_alarm, fold_late
 from ground.console.axes import sigma_rtn_m
+from ground.console.gnss import GnssCheck, of_message
 from ground.console.text import safe
 
 FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
@@ -177,6 +178,8 @@ class State:
     timing: tuple[tuple[Timing, float], ...] = ()  # by place, each with the time it was heard
     sigma_rtn_m: tuple[float, float, float] | None = None  # 1-sigma, radial, along-track, cross-track
     sigma_rtn_s: float | None = None
+    gnss: GnssCheck | None = None
+    gnss_s: float | None = None
     alarms: tuple[Alarm, ...] = ()
     satellites: int | None = None
     satellites_s: float | None = None
@@ -371,7 +374,7 @@ def cause_name(cause: int) -> str:
 
 def active_alerts(word: int) -> list[str]:
     """Names of the alerts whose bit is set in the `alerts` word."""
-    return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(32) if word >> i & 1]
+    return [ALERTS[i].id.name if i in ALERTS else f"ALERT_{i}" for i in range(64) if word >> i & 1]
 
 
 ALERT_TEXTS = frozenset(alert.text for alert in ALERTS.values())
@@ -390,6 +393,7 @@ _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "LEONAV_LINK": _link,
     "LEONAV_TIMING": _timing,
     "LEONAV_COVARIANCE": _covariance,
+    "LEONAV_GNSS_CHECK": lambda state, message, now_s: replace(state, gnss=of_message(message), gnss_s=now_s),
     "GPS_RAW_INT": _gps,
     "STATUSTEXT": _statustext,
 }

@@ -18,7 +18,8 @@ from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
-PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing")
+PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing", "gnss")
+_SHORT_NAMES = {"overview": "main", "parameters": "param", "timing": "time"}  # all must fit into one line
 SEVERITY_STYLES: dict[int, str] = {
     Severity.EMERGENCY: "bold red",
     Severity.ALERT: "bold red",
@@ -44,7 +45,7 @@ STALE and an age mark every value not renewed for 3 s.
 Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
 
   q quit   ? this help   p pause (live: of plot and events)
-  1-8 pages, tab the next     up, down choose a line or scroll
+  1-9 pages, tab the next     up, down choose a line or scroll
   a acknowledge the alarm that is marked      o orders (each is confirmed)
   l list parameters   s set the marked one
   f events by severity   / search in events
@@ -93,7 +94,7 @@ def keys(page: int, commands: bool, live: bool) -> Text:
     """The bottom line: pages, the one that is shown marked, and the keys that do something here."""
     text = Text()
     for number, name in enumerate(PAGE_NAMES, 1):
-        text.append(f"{number} {name}", style="bold reverse" if number - 1 == page else "bold")
+        text.append(f"{number} {_SHORT_NAMES.get(name, name)}", style="bold reverse" if number - 1 == page else "bold")
         text.append(" ")
     text.append(" ? help", style="bold")
     text.append(" a ack o orders" if commands else " q quit", style="bold")
