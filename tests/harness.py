@@ -33,6 +33,7 @@ from flightsw.records import NAV, OUTPUT
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from ground.tables.functions import build_function
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario
@@ -71,6 +72,12 @@ def tables(loaded: LoadedScenario) -> tuple[TableImage, TableImage]:
     stop = start + round(loaded.scenario.time.duration_s * NS)
     navigation = decode(build_navigation(flight.table_set, flight.table or None))
     return navigation, _orientation(start - HOUR_NS, stop + HOUR_NS)
+
+
+def function_images(loaded: LoadedScenario) -> dict[str, bytes]:
+    """Tables of the functions that a scenario flies beside navigation, by kind."""
+    flight = loaded.scenario.flight
+    return {} if flight.gnss_set is None else {"gnss": build_function("gnss", flight.gnss_set, flight.gnss_table)}
 
 
 def fault(kind: str, start_s: float, duration_s: float = 1.0, **more: Any) -> str:
@@ -118,6 +125,7 @@ class Flight:
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
             forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
+            functions=[decode(image) for image in function_images(loaded).values()],
         )
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload

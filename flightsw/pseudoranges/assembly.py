@@ -90,12 +90,12 @@ class RawAssembly:
         self._t_gps_ns, self._rows = _NO_TIME, 0
         if same != (rows > 0) or rows != count:  # an epoch of no satellite has no rows
             self._rejected[_INCOMPLETE] += 1
-        elif t_counter_ns <= self._last_counter_ns:
-            self._rejected[_REPEATED] += 1
         elif t_counter_ns > counter_now_ns:
             self._rejected[_FUTURE] += 1
         elif t_counter_ns < counter_now_ns - self._latency_ns:
             self._rejected[_STALE] += 1
+        elif t_counter_ns <= self._last_counter_ns:
+            self._rejected[_REPEATED] += 1
         elif self.count == EPOCHS:
             self._rejected[_OVERFLOW] += 1
         else:
