@@ -133,6 +133,7 @@ def test_own_message_survives_the_wire(name: str) -> None:
         ("LEONAV_DRIVER", enums.BoundDriver),
         ("LEONAV_DA_SOURCE", enums.DaSource),
         ("LEONAV_CERTIFICATE", enums.Certificate),
+        ("LEONAV_GNSS_VERDICT", enums.GnssVerdict),
         ("LEONAV_REJECT_CAUSE", enums.RejectCause),
         ("LEONAV_ALERT_ID", AlertId),
         ("LEONAV_LINK_REFUSAL", Refusal),
