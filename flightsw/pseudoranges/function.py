@@ -7,9 +7,7 @@ positions only: its gate judges it as any other. See docs/adr/0019-pseudoranges-
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-from flightsw.functions import Maker, Services
 from flightsw.gnss.epoch import gnss_epoch
 from flightsw.gnss.records import CONSTELLATIONS, SATELLITES, Row, Verdict
 from flightsw.gnss.satellites import place_satellites
@@ -21,9 +19,11 @@ from flightsw.icd.can_frames import GNSS_EPHEMERIS, GNSS_EPOCH, GNSS_RANGES
 from flightsw.icd.enums import FlagState, Validity
 from flightsw.icd.table_file import TableImage
 from flightsw.pseudoranges.assembly import RawAssembly
+from flightsw.pseudoranges.judged import Judged
 from flightsw.pseudoranges.latch import Latch
 from flightsw.pseudoranges.settings import settings_of
 from flightsw.pseudoranges.telling import Teller
+from flightsw.services import Services
 
 _BEGINNING = int(Validity.STATE_VALID) | int(Validity.TIME_VALID)
 _UNTESTED, _EXCLUDED = int(Verdict.UNTESTED), int(Verdict.EXCLUDED)
@@ -34,24 +34,6 @@ _CLEAR = int(FlagState.CLEAR)
 # pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin from.
 _ERA_0 = 2.0 * math.pi * (0.7790572732640 + 1.00273781191135448 * (2_444_244.5 - 2_451_545.0))
 _ERA_RATE = 2.0 * math.pi * 1.00273781191135448 / 86_400.0
-
-
-class Judged(NamedTuple):
-    """What was made of an epoch; masks by constellation: bit i is satellite i + 1."""
-
-    t_gps_ns: int = 0
-    t_counter_ns: int = 0
-    verdict: int = int(Verdict.NO_EPOCH)
-    used: tuple[int, ...] = (0,) * CONSTELLATIONS
-    excluded: tuple[int, ...] = (0,) * CONSTELLATIONS
-    refused: int = 0
-    dof: int = 0
-    statistic: float = math.nan
-    threshold: float = math.nan
-    protection_m: tuple[float, ...] = (math.inf,) * 3
-    sigma_m: tuple[float, ...] = (math.nan,) * 3
-    available: int = 0
-    offered: int = 0
 
 
 class PseudorangeFunction:
@@ -206,6 +188,3 @@ class PseudorangeFunction:
 def make(table: TableImage, services: Services) -> PseudorangeFunction:
     """The function that flies this table."""
     return PseudorangeFunction(table, services)
-
-
-_: Maker = make

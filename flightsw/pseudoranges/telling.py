@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from flightsw.icd.can_frames import GNSS_CHECK, GNSS_EXCLUDED, GNSS_USED
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.pseudoranges.judged import Judged
 from flightsw.publishing import Outbox, Publisher
-
-if TYPE_CHECKING:
-    from flightsw.pseudoranges.function import Judged
 
 _FLOAT_MAX = 3.4e38  # beyond it struct packs no float32
 _U8, _U32 = 0xFF, 0xFFFFFFFF

@@ -48,7 +48,7 @@ class GnssCheck(NamedTuple):
 
 def of_message(message: Any) -> GnssCheck:
     """The message as a value."""
-    values = (getattr(message, name) for name in GnssCheck._fields)
+    values: list[Any] = [getattr(message, name) for name in GnssCheck._fields]
     return GnssCheck(*(tuple(value) if isinstance(value, (list, tuple)) else value for value in values))
 
 
