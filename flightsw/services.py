@@ -1,4 +1,4 @@
-"""What a function beside navigation works with, and what it must be (see flightsw/functions.py)."""
+"""What the loop lends to a function that runs beside navigation, and what it expects of one."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
-from hil_sim.scenario_section import Section, StartAge, within
+from hil_sim.scenario_section import Section, StartAge, range_meta
 
 SYSTEMS = ("gps", "glonass", "galileo", "beidou")  # in the order of flightsw.icd.enums.Constellation
 LAWS = ("gauss", "uniform", "laplace", "student", "spikes")
@@ -35,7 +35,7 @@ KINDS: dict[str, Kind] = {
     "silent": Kind("it is not measured"),
 }
 
-_Metres = Annotated[float, within(-1e6, 1e6, "metres")]
+_Metres = Annotated[float, range_meta(-1e6, 1e6, "metres")]
 
 
 class Pseudoranges(Section, frozen=True):
@@ -47,31 +47,33 @@ class Pseudoranges(Section, frozen=True):
     orbits: Annotated[
         tuple[str, ...], Meta(description="SP3 files: GPS satellites from there, and no other constellation")
     ] = ()
-    rate_hz: Annotated[float, within(0.01, 2.0, "epochs per second")] = 1.0
-    mask_deg: Annotated[float, within(-30.0, 60.0, "least elevation above the local horizontal in degrees")] = 5.0
-    sigma_m: Annotated[float, within(0.0, 1e4, "white noise of a range in metres")] = 1.0
+    rate_hz: Annotated[float, range_meta(0.01, 2.0, "epochs per second")] = 1.0
+    mask_deg: Annotated[float, range_meta(-30.0, 60.0, "least elevation above the local horizontal in degrees")] = 5.0
+    sigma_m: Annotated[float, range_meta(0.0, 1e4, "white noise of a range in metres")] = 1.0
     claimed_sigma_m: (
-        Annotated[float, within(1e-3, 1e4, "sigma the receiver claims, if not its noise, in metres")] | None
+        Annotated[float, range_meta(1e-3, 1e4, "sigma the receiver claims, if not its noise, in metres")] | None
     ) = None
     law: Annotated[str, Meta(pattern=f"^({'|'.join(LAWS)})$", description=", ".join(LAWS))] = "gauss"
     signal_sigma_m: Annotated[
-        float, within(0.0, 1e3, "lasting error of each satellite's orbit and clock in metres")
+        float, range_meta(0.0, 1e3, "lasting error of each satellite's orbit and clock in metres")
     ] = 0.0
     ionosphere_m: Annotated[
-        float, within(0.0, 100.0, "vertical delay above the satellite, of one frequency, not corrected, in metres")
+        float, range_meta(0.0, 100.0, "vertical delay above the satellite, of one frequency, not corrected, in metres")
     ] = 0.0
-    clock_bias_m: Annotated[float, within(-1e6, 1e6, "receiver's clock error at the start, as range")] = 1000.0
-    clock_drift_mps: Annotated[float, within(-1e3, 1e3, "its drift in m/s")] = 1.0
-    clock_walk_m: Annotated[float, within(0.0, 1e3, "its random walk in m/sqrt(s)")] = 0.5
+    clock_bias_m: Annotated[float, range_meta(-1e6, 1e6, "receiver's clock error at the start, as range")] = 1000.0
+    clock_drift_mps: Annotated[float, range_meta(-1e3, 1e3, "its drift in m/s")] = 1.0
+    clock_walk_m: Annotated[float, range_meta(0.0, 1e3, "its random walk in m/sqrt(s)")] = 0.5
     inter_system_bias_m: Annotated[
         tuple[_Metres, _Metres, _Metres, _Metres],
         Meta(description="delay of each constellation in the receiver: GPS, GLONASS, Galileo, BeiDou, in metres"),
     ] = (0.0, -4.0, 2.7, 1.0)
-    latency_s: Annotated[float, within(0.0, 10.0, "measurement to the first frame on the bus in seconds")] = 0.2
+    latency_s: Annotated[float, range_meta(0.0, 10.0, "measurement to the first frame on the bus in seconds")] = 0.2
     frame_spacing_s: Annotated[
-        float, within(0.0, 0.01, "between frames of an epoch: the bus is not flooded, in seconds")
+        float, range_meta(0.0, 0.01, "between frames of an epoch: the bus is not flooded, in seconds")
     ] = 0.002
-    ephemeris_interval_s: Annotated[float, within(1.0, 60.0, "between two places of one satellite in seconds")] = 10.0
+    ephemeris_interval_s: Annotated[float, range_meta(1.0, 60.0, "between two places of one satellite in seconds")] = (
+        10.0
+    )
 
 
 class SatelliteFault(Section, kw_only=True, frozen=True):
@@ -87,7 +89,7 @@ class SatelliteFault(Section, kw_only=True, frozen=True):
         | None
     ) = None
     start_s: StartAge
-    duration_s: Annotated[float, within(0.0, 1e7, "seconds")]
+    duration_s: Annotated[float, range_meta(0.0, 1e7, "seconds")]
     value: Annotated[float, Meta(description="how much, in the unit of the kind")] | None = None
 
 
@@ -106,7 +108,7 @@ def check(sky: Pseudoranges | None, faults: tuple[SatelliteFault, ...], flies: b
             yield Wrong("satellite_fault.0.kind", "there are no pseudoranges to be wrong", "add [pseudoranges]")
         return
     if not flies:
-        yield Wrong("pseudoranges", "no flight function would hear them", 'set flight.gnss_set = "flight"')
+        yield Wrong("pseudoranges", "no flight function would hear them", 'set flight.gnss_set = "gnss"')
     for i, name in enumerate(sky.constellations):
         if name not in SYSTEMS or name in sky.constellations[:i]:
             yield Wrong(

@@ -15,7 +15,7 @@ from msgspec import Meta, Struct, field
 from hil_sim.fault_kinds import CAN_FD_LENGTHS, KINDS, TARGETS
 from hil_sim.pseudorange_schema import Pseudoranges, SatelliteFault
 from hil_sim.scenario_section import Probability, Section, StartAge
-from hil_sim.scenario_section import within as _range
+from hil_sim.scenario_section import range_meta as _range
 
 EARTH_RADIUS_M = 6_378_137.0
 MINIMUM_ALTITUDE_M = 150e3

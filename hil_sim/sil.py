@@ -36,7 +36,7 @@ from ground.tables.build import build_navigation
 from ground.tables.certified import build_certified
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
-from ground.tables.functions import build_function
+from ground.tables.function_sets import build_function
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run

@@ -33,7 +33,7 @@ from flightsw.records import NAV, OUTPUT
 from ground.tables.build import build_navigation
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
-from ground.tables.functions import build_function
+from ground.tables.function_sets import build_function
 from hil_sim import scenario
 from hil_sim.bus import VirtualBusPair
 from hil_sim.scenario import LoadedScenario

@@ -6,12 +6,12 @@ schema it was built with; flight refuses any other. Changing a field here change
 
 from __future__ import annotations
 
-from flightsw.icd.table_fields import Field as Field
-from flightsw.icd.table_fields import Schema as Schema
-from flightsw.icd.table_fields import group as _group
-from flightsw.icd.table_fields import real as _real
-from flightsw.icd.table_fields import whole as _whole
-from flightsw.icd.table_gnss import GNSS as GNSS
+from flightsw.icd.gnss_schema import GNSS as GNSS
+from flightsw.icd.table_field import Field as Field
+from flightsw.icd.table_field import Schema as Schema
+from flightsw.icd.table_field import group as _group
+from flightsw.icd.table_field import real as _real
+from flightsw.icd.table_field import whole as _whole
 
 MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160

@@ -18,8 +18,10 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("kernels", "nav", "integrity")
 _LOCATORS = "flightsw.kernels.cache_locator.PackageLocator,UserProvidedCacheLocator"
-_SCHEMAS = ("icd/table_fields.py", "icd/table_gnss.py", "icd/table_schema.py")
-_COMPILED_FILES = ("records.py", "modes.py", "icd/alerts.py", "icd/enums.py", *_SCHEMAS)
+_COMPILED_FILES = (
+    *("records.py", "modes.py", "icd/alerts.py", "icd/enums.py"),
+    *("icd/table_schema.py", "icd/table_field.py", "icd/gnss_schema.py"),
+)
 
 
 def compiled_sources() -> list[Path]:

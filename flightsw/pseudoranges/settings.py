@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.gnss.records import Consistency, Rule
 from flightsw.gnss.setup import Settings
-from flightsw.icd.table_gnss import SYSTEMS
+from flightsw.icd.gnss_schema import SYSTEMS
 
 _AXES = ("east", "north", "up")
 

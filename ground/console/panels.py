@@ -19,7 +19,7 @@ from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
 PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing", "gnss")
-_SHORT_NAMES = {"overview": "main", "parameters": "param", "timing": "time"}  # all must fit into one line
+SHORT_NAMES = {"overview": "view", "parameters": "param", "timing": "time"}  # for the line of keys, which is full
 SEVERITY_STYLES: dict[int, str] = {
     Severity.EMERGENCY: "bold red",
     Severity.ALERT: "bold red",
@@ -94,7 +94,7 @@ def keys(page: int, commands: bool, live: bool) -> Text:
     """The bottom line: pages, the one that is shown marked, and the keys that do something here."""
     text = Text()
     for number, name in enumerate(PAGE_NAMES, 1):
-        text.append(f"{number} {_SHORT_NAMES.get(name, name)}", style="bold reverse" if number - 1 == page else "bold")
+        text.append(f"{number} {SHORT_NAMES.get(name, name)}", style="bold reverse" if number - 1 == page else "bold")
         text.append(" ")
     text.append(" ? help", style="bold")
     text.append(" a ack o orders" if commands else " q quit", style="bold")

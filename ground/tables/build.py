@@ -33,7 +33,7 @@ SECTIONS = tuple(dict.fromkeys(f.group for f in NAVIGATION.fields))
 
 def list_sets() -> dict[str, str]:
     """Shipped sets: name -> description."""
-    return {path.stem: str(_read(path).get("description", "")) for path in sorted(SETS.glob("*.toml"))}
+    return {path.stem: str(read_toml(path).get("description", "")) for path in sorted(SETS.glob("*.toml"))}
 
 
 def find_set(name_or_path: str | Path) -> Path:
@@ -56,7 +56,7 @@ def find_set(name_or_path: str | Path) -> Path:
 
 def read_set(name_or_path: str | Path) -> dict[str, Any]:
     """The content of a set file, as TOML has it: name, description, sections, list of rows; not checked."""
-    return _read(find_set(name_or_path))
+    return read_toml(find_set(name_or_path))
 
 
 def build_navigation(
@@ -72,7 +72,7 @@ def build_navigation(
     Raises OperatorError with file, key and remedy.
     """
     path = find_set(name_or_path)
-    document = _read(path)
+    document = read_toml(path)
     name = document.pop("name", None)
     if not isinstance(name, str):
         raise OperatorError(f'{path}: name: give the set a name, for example name = "{path.stem}"')
@@ -101,7 +101,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML file; OperatorError where it is none."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
@@ -128,7 +129,7 @@ def _collect(where: str, document: dict[str, Any]) -> tuple[Given, list[Given]]:
         for key, value in content.items():
             place = f"{where}: {section}.{key}"
             field = _field(place, key, section)
-            given[key] = (place, field_number(place, field, value))
+            given[key] = (place, number_of(place, field, value))
     return given, rows
 
 
@@ -142,7 +143,7 @@ def _collect_rows(where: str, content: Any) -> list[Given]:
         known: Given = {}
         for key, value in row.items():
             place = f"{where}.{index}.{key}"
-            known[key] = (place, field_number(place, _row_field(place, key), value))
+            known[key] = (place, number_of(place, _row_field(place, key), value))
         missing = [key for key in ROW_KEYS if key not in known]
         if missing:
             raise OperatorError(f"{where}.{index}: {', '.join(missing)} missing; a row needs every key")
@@ -159,13 +160,13 @@ def _apply(given: Given, rows: list[Given], overrides: Mapping[str, Any]) -> Non
             _, index, *rest = key.split(".")
             if len(rest) != 1 or not index.isdecimal() or int(index) >= len(rows):
                 raise OperatorError(f"{place}: write tuning.ROW.KEY, rows here: 0 to {len(rows) - 1}")
-            rows[int(index)][rest[0]] = (place, field_number(place, _row_field(place, rest[0]), value))
+            rows[int(index)][rest[0]] = (place, number_of(place, _row_field(place, rest[0]), value))
         else:
             section, _, name = key.rpartition(".")
             if section and section not in SECTIONS:
                 raise OperatorError(f"{place}: unknown section{did_you_mean(section, SECTIONS)}")
             field = _field(place, name, section)
-            given[name] = (place, field_number(place, field, value))
+            given[name] = (place, number_of(place, field, value))
 
 
 def _field(place: str, key: str, section: str) -> Field:
@@ -188,7 +189,7 @@ def _row_field(place: str, key: str) -> Field:
     return _FIELDS[_ROW_PREFIX + key]
 
 
-def field_number(place: str, field: Field, value: Any) -> float:
+def number_of(place: str, field: Field, value: Any) -> float:
     """A checked number: right type, finite, in range. Words are accepted where the unit lists them."""
     words = choices(field)
     if isinstance(value, str) and words:

@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
         return _build_forces(args)
     if args.action == "build-function":
         from ground.tables.build import parse_setting
-        from ground.tables.functions import build_function
+        from ground.tables.function_sets import build_function
 
         return _write(Path(args.out), build_function(args.kind, args.set, dict(map(parse_setting, args.settings))))
     if args.action == "show":

@@ -88,10 +88,13 @@ class WalkerSky:
 
 
 class PreciseSky:
-    """GPS satellites of SP3 files, with their clocks; one without an orbit or a clock at an instant is not there."""
+    """GPS satellites of SP3 files, with their clocks; one without an orbit or a clock at an instant is not there.
 
-    def __init__(self, paths: Sequence[Path], orientation: EarthOrientation) -> None:
-        self._ephemeris = PreciseEphemeris(paths, antennas=False)
+    antennas: places are those of the antennas, not of the centres of mass.
+    """
+
+    def __init__(self, paths: Sequence[Path], orientation: EarthOrientation, antennas: bool = False) -> None:
+        self._ephemeris = PreciseEphemeris(paths, antennas)
         self._orientation = orientation
         self.number = np.arange(1, SATELLITES + 1)
         self.system = np.zeros(SATELLITES, np.int64)

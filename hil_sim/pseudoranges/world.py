@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 from hil_sim.frames import FrameSeries
+from hil_sim.pseudoranges import recorded
 from hil_sim.pseudoranges.faults import corrupt
 from hil_sim.pseudoranges.frames import encode
 from hil_sim.pseudoranges.receiver import RawSeries, measure
@@ -37,25 +39,44 @@ def build(
     scenario = loaded.scenario
     settings = scenario.pseudoranges
     assert settings is not None
+    gnss, jitter_ns = scenario.gnss, scenario.oscillator.pulse_jitter_ns
     sky: Sky
-    if settings.orbits:
-        named = enumerate(settings.orbits)
-        paths = [resolve_data_file(text, loaded.path, f"pseudoranges.orbits.{i}") for i, text in named]
-        sky = PreciseSky(paths, orientation)
+    if gnss.recorded is not None:
+        paths = _paths(loaded, gnss.recorded_orbits, "gnss.recorded_orbits")
+        sky = PreciseSky(paths, orientation, gnss.recorded_antennas)
+        series = recorded.measure(
+            resolve_data_file(gnss.recorded, loaded.path, "gnss.recorded"),
+            paths,
+            gnss.recorded_antennas,
+            truth,
+            oscillator,
+            scenario.outage,
+            t_start_gps_ns,
+            t_last_gps_ns,
+            jitter_ns,
+            streams.pseudoranges,
+        )
     else:
-        sky = WalkerSky(settings.constellations, t_start_gps_ns, orientation, streams.pseudoranges)
-    series = measure(
-        sky,
-        truth,
-        oscillator,
-        settings,
-        scenario.gnss,
-        scenario.outage,
-        t_start_gps_ns,
-        t_last_gps_ns,
-        scenario.oscillator.pulse_jitter_ns,
-        streams.pseudoranges,
-        Pointing.of(scenario.attitude),
-    )
+        if settings.orbits:
+            sky = PreciseSky(_paths(loaded, settings.orbits, "pseudoranges.orbits"), orientation)
+        else:
+            sky = WalkerSky(settings.constellations, t_start_gps_ns, orientation, streams.pseudoranges)
+        series = measure(
+            sky,
+            truth,
+            oscillator,
+            settings,
+            gnss,
+            scenario.outage,
+            t_start_gps_ns,
+            t_last_gps_ns,
+            jitter_ns,
+            streams.pseudoranges,
+            Pointing.of(scenario.attitude),
+        )
     corrupt(scenario.satellite_fault, series, t_start_gps_ns)
     return Sent(series, encode(series, sky, settings))
+
+
+def _paths(loaded: LoadedScenario, texts: tuple[str, ...], key: str) -> list[Path]:
+    return [resolve_data_file(text, loaded.path, f"{key}.{i}") for i, text in enumerate(texts)]

@@ -19,7 +19,7 @@ from flightsw.pseudoranges.assembly import EPOCHS, RawAssembly
 from flightsw.pseudoranges.latch import Latch
 from flightsw.pseudoranges.settings import settings_of
 from flightsw.pseudoranges.telling import single
-from ground.tables.functions import build_function
+from ground.tables.function_sets import build_function
 
 NOW_NS = 10_000_000_000_000
 
@@ -171,7 +171,7 @@ def test_what_float32_cannot_hold_is_infinite() -> None:
 
 def test_the_shipped_set_states_the_priors_that_its_sources_give() -> None:
     """GIVEN the shipped set THEN its priors are those of the standards that it names, by constellation."""
-    settings = settings_of(decode(build_function("gnss", "flight")).values[0])
+    settings = settings_of(decode(build_function("gnss", "gnss")).values[0])
     assert settings.p_satellite == (1e-5, 1e-4, 3e-5, 1e-4)
     assert settings.p_constellation == (1e-8, 1e-4, 2e-4, 1e-4)
     assert settings.p_hmi == (1e-7, 1e-7, 1e-7)

@@ -21,6 +21,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "demo",
             "gnss_faults",
             "graceb_gaps",
+            "graceb_pseudoranges",
             "graceb_real",
             "gracefo_outage",
             "j2_outage",
@@ -41,7 +42,7 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
         [
             *("attitude.sigma_rad=0.1", "fault.0.kind=nan", "fault.0.start_s=1"),
             *("command.0.at_s=1", "command.0.command=reset_filter"),
-            *("pseudoranges.rate_hz=1.0", 'flight.gnss_set="flight"'),
+            *("pseudoranges.rate_hz=1.0", 'flight.gnss_set="gnss"'),
             *("satellite_fault.0.kind=nan", "satellite_fault.0.start_s=1", "satellite_fault.0.duration_s=1"),
         ],
     )

@@ -12,7 +12,7 @@ from flightsw.icd.table_file import decode
 from flightsw.icd.table_schema import GNSS, SCHEMAS
 from ground.__main__ import main
 from ground.errors import OperatorError
-from ground.tables.functions import build_function, list_function_sets
+from ground.tables.function_sets import build_function, list_function_sets
 
 
 def test_a_shipped_set_becomes_a_table_that_flight_loads(tmp_path: Path) -> None:
@@ -20,14 +20,14 @@ def test_a_shipped_set_becomes_a_table_that_flight_loads(tmp_path: Path) -> None
     for name in list_function_sets("gnss"):
         assert main(["table", "build-function", "gnss", name, "--out", str(tmp_path / "gnss.tbl")]) == 0
         (image,) = load_function_tables(tmp_path)
-        assert (image.kind, image.set_name) == ("gnss", f"gnss-{name}")
+        assert (image.kind, image.set_name) == ("gnss", name)
     assert load_function_tables(tmp_path / "nothing here") == ()
 
 
 def test_overrides_are_named_in_the_table_and_change_what_they_say() -> None:
-    plain = decode(build_function("gnss", "flight")).values
-    other = decode(build_function("gnss", "flight", {"test.alpha": 0.01, "consistency": "markov"}))
-    assert other.set_name == "gnss-flight*"
+    plain = decode(build_function("gnss", "gnss")).values
+    other = decode(build_function("gnss", "gnss", {"test.alpha": 0.01, "consistency": "markov"}))
+    assert other.set_name == "gnss*"
     changed = {name for name in plain.dtype.names or () if plain[name] != other.values[name]}
     assert changed == {"alpha", "consistency"}
     assert (other.values["alpha"][0], other.values["consistency"][0]) == (0.01, 1)
@@ -45,12 +45,12 @@ def test_overrides_are_named_in_the_table_and_change_what_they_say() -> None:
 )
 def test_a_mistake_is_told_by_key(settings: dict[str, object], told: str) -> None:
     with pytest.raises(OperatorError, match=told):
-        build_function("gnss", "flight", settings)
+        build_function("gnss", "gnss", settings)
 
 
 def test_sets_that_are_none_are_told(tmp_path: Path) -> None:
     """GIVEN a kind, a name, a file or a section that is none THEN each is told with what there is."""
-    for kind, name, told in (("sonar", "flight", "there are: gnss"), ("gnss", "fligt", 'did you mean "flight"')):
+    for kind, name, told in (("sonar", "gnss", "there are: gnss"), ("gnss", "gns", 'did you mean "gnss"')):
         with pytest.raises(OperatorError, match=told):
             build_function(kind, name)
     path = tmp_path / "own.toml"

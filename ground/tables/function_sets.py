@@ -6,7 +6,6 @@ default; a field without a default must be given.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,15 @@ from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableRefused, encode
 from flightsw.icd.table_schema import GNSS, Field, Schema
 from ground.errors import OperatorError, did_you_mean
-from ground.tables.build import SETS, field_number
+from ground.tables.build import number_of, read_toml
 
+SETS = Path(__file__).parent / "functions"
 FUNCTIONS: dict[str, Schema] = {GNSS.name: GNSS}
 
 
 def list_function_sets(kind: str) -> list[str]:
-    """Names of the shipped sets of a kind."""
-    return [path.stem for path in sorted((SETS / kind).glob("*.toml"))]
+    """Names of the shipped sets of a kind: they begin with it."""
+    return [path.stem for path in sorted(SETS.glob(f"{kind}*.toml"))]
 
 
 def build_function(kind: str, name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> bytes:
@@ -37,7 +37,7 @@ def build_function(kind: str, name_or_path: str | Path, overrides: Mapping[str, 
     if schema is None:
         raise OperatorError(f"no function has tables of kind {kind!r}; there are: {', '.join(FUNCTIONS)}")
     path = _find(kind, name_or_path)
-    document = _read(path)
+    document = read_toml(path)
     name = document.pop("name", None)
     if not isinstance(name, str):
         raise OperatorError(f'{path}: name: give the set a name, for example name = "{path.stem}"')
@@ -47,7 +47,7 @@ def build_function(kind: str, name_or_path: str | Path, overrides: Mapping[str, 
     for key, value in (overrides or {}).items():
         section, _, last = key.rpartition(".")
         field = _field(schema, f"override {key}", last, section)
-        given[last] = field_number(f"override {key}", field, value)
+        given[last] = number_of(f"override {key}", field, value)
     values = _assemble(schema, str(path), given)
     try:
         return encode(kind, name + "*" if overrides else name, values)
@@ -58,7 +58,7 @@ def build_function(kind: str, name_or_path: str | Path, overrides: Mapping[str, 
 def _find(kind: str, name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     written = isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text
-    path = Path(name_or_path) if written else SETS / kind / f"{text}.toml"
+    path = Path(name_or_path) if written else SETS / f"{text}.toml"
     if not path.is_file():
         known = list_function_sets(kind)
         hint = did_you_mean(text, known)
@@ -66,15 +66,6 @@ def _find(kind: str, name_or_path: str | Path) -> Path:
             f"no set {text!r} of kind {kind}{hint}; shipped: {', '.join(known)}; or give the path of a .toml file"
         )
     return path
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise OperatorError(f"{path}: not valid TOML: {error}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise OperatorError(f"{path}: cannot be read: {error}") from error
 
 
 def _collect(schema: Schema, where: str, document: dict[str, Any]) -> dict[str, float]:
@@ -88,7 +79,7 @@ def _collect(schema: Schema, where: str, document: dict[str, Any]) -> dict[str, 
             raise OperatorError(f"{where}: {section}: is a section; write [{section}] and keys below it")
         for key, value in content.items():
             place = f"{where}: {section}.{key}"
-            given[key] = field_number(place, _field(schema, place, key, section), value)
+            given[key] = number_of(place, _field(schema, place, key, section), value)
     return given
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flightsw.icd.table_fields import Schema, group, real, whole
+from flightsw.icd.table_field import Schema, group, real, whole
 
 SYSTEMS = ("gps", "glonass", "galileo", "beidou")  # in the order of enums.Constellation
 

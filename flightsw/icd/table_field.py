@@ -1,4 +1,4 @@
-"""What the schema of a table is made of: fields, and the short words that schemas are written in."""
+"""What a field of a parameter table is, and a kind of table made of fields."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def real(name: str, unit: str, low: float, high: float, default: float | None, w
 
 
 def whole(name: str, unit: str, low: int, high: int, default: int | None, why: str) -> Field:
-    """A whole number."""
+    """A field that holds a whole number."""
     return Field(name, "i8", (), unit, low, high, default, why)
 
 
 def group(name: str, *fields: Field) -> tuple[Field, ...]:
-    """Fields of one section of a set file."""
+    """Fields of one section of the set file."""
     return tuple(field._replace(group=name) for field in fields)
