@@ -15,7 +15,13 @@ from flightsw.services import Services as Services
 
 def _makers() -> dict[str, Callable[[], Maker]]:
     """By kind of table; a function's modules are imported where its table is flown, and nowhere else."""
-    return {"crosslink": _crosslink}
+    return {"gnss": _pseudoranges, "crosslink": _crosslink}
+
+
+def _pseudoranges() -> Maker:
+    from flightsw.pseudoranges.function import make
+
+    return make
 
 
 def _crosslink() -> Maker:

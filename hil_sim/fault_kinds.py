@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 CAN_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 RECEIVER_TARGETS = ("all", "position", "velocity", "sync")
-TARGETS = (*RECEIVER_TARGETS, "burn", "attitude", "command")
+PSEUDORANGES = ("ranges", "epoch", "ephemeris")  # frames of a receiver that sends these
+TARGETS = (*RECEIVER_TARGETS, "burn", "attitude", "command", *PSEUDORANGES)
 ON_THE_BUS = ("frame_drop", "bit_flip", "truncate")  # the kinds that strike frames of any sender
 
 

@@ -14,7 +14,10 @@ from flightsw.icd.can_frames import (
     BURN,
     CROSSLINK_EPHEMERIS,
     CROSSLINK_RANGES,
+    GNSS_EPHEMERIS,
+    GNSS_EPOCH,
     GNSS_POSITION,
+    GNSS_RANGES,
     GNSS_VELOCITY,
     NAV_COMMAND,
     TIME_SYNC,
@@ -31,6 +34,9 @@ _LAYOUTS = {
     "command": NAV_COMMAND,
     "crosslink_ephemeris": CROSSLINK_EPHEMERIS,
     "crosslink_ranges": CROSSLINK_RANGES,
+    "ephemeris": GNSS_EPHEMERIS,
+    "ranges": GNSS_RANGES,
+    "epoch": GNSS_EPOCH,
 }
 
 

@@ -21,6 +21,7 @@ import msgspec
 from hil_sim import gps_time
 from hil_sim.crosslink_schema import CrosslinkFault
 from hil_sim.errors import DataError, ScenarioError
+from hil_sim.pseudorange_schema import SatelliteFault
 from hil_sim.scenario_checks import check_events
 from hil_sim.scenario_schema import (
     Burn,
@@ -28,10 +29,10 @@ from hil_sim.scenario_schema import (
     Fault,
     Outage,
     Scenario,
-    Section,
     cross_check,
     field_docs,
 )
+from hil_sim.scenario_section import Section
 
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 DATA_VARIABLE = "LEONAV_DATA"
@@ -41,6 +42,7 @@ _ITEMS: dict[str, type[Section]] = {
     "command": Command,
     "fault": Fault,
     "crosslink_fault": CrosslinkFault,
+    "satellite_fault": SatelliteFault,
 }
 _FREE_TABLES = ("flight.table",)
 _ALTERNATIVES = {"orbit.period_s": "semi_major_axis_m", "orbit.semi_major_axis_m": "period_s"}

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from hil_sim.crosslink_checks import check_crosslinks
-from hil_sim.fault_kinds import ON_THE_BUS, RECEIVER_TARGETS
+from hil_sim.fault_kinds import ON_THE_BUS, PSEUDORANGES, RECEIVER_TARGETS
+from hil_sim.pseudorange_schema import check as check_pseudoranges
 from hil_sim.scenario_schema import Burn, Command, Fault, Problem, Scenario
 
 MAXIMUM_BURNS = 255  # the frame's number of the burn has eight bits
@@ -28,6 +29,9 @@ def check_events(scenario: Scenario) -> Iterator[Problem]:
         yield from _check_fault(f"fault.{i}", fault, scenario)
     yield from _check_recording(scenario)
     yield from check_crosslinks(scenario)
+    flies = scenario.flight.gnss_set is not None
+    for wrong in check_pseudoranges(scenario.pseudoranges, scenario.satellite_fault, flies, scenario.time.duration_s):
+        yield Problem(*wrong)
 
 
 def _check_recording(scenario: Scenario) -> Iterator[Problem]:
@@ -52,7 +56,7 @@ def _check_fault(key: str, fault: Fault, scenario: Scenario) -> Iterator[Problem
             yield Problem(
                 f"{key}.target", f"{fault.kind} strikes the receiver", "one of " + ", ".join(RECEIVER_TARGETS)
             )
-        elif not getattr(scenario, fault.target, None):
+        elif not getattr(scenario, "pseudoranges" if fault.target in PSEUDORANGES else fault.target, None):
             yield Problem(f"{key}.target", f"the scenario has no {fault.target}", "add it, or choose another target")
 
 

@@ -7,8 +7,10 @@ from typing import get_args, get_type_hints
 import msgspec
 
 from hil_sim.fault_kinds import KINDS
+from hil_sim.pseudorange_schema import KINDS as SATELLITE_KINDS
 from hil_sim.scenario import toml_text
-from hil_sim.scenario_schema import Scenario, Section, field_docs
+from hil_sim.scenario_schema import Scenario, field_docs
+from hil_sim.scenario_section import Section
 
 
 def describe_keys() -> str:
@@ -31,6 +33,9 @@ def describe_keys() -> str:
         value = "" if what.value is None else f"; {what.value}"
         default = "" if what.default is None else f", {what.default:g} by default"
         lines.append(f"  {kind:<{longest}}  {what.why}{value}{default}")
+    lines.append("kinds of satellite_fault, and what `value` is:")
+    for kind, befalls in SATELLITE_KINDS.items():
+        lines.append(f"  {kind:<{longest}}  {befalls.why}{f'; {befalls.value}' if befalls.value else ''}")
     return "\n".join(lines)
 
 

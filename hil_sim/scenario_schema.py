@@ -14,6 +14,7 @@ from msgspec import Meta, Struct, field
 
 from hil_sim.crosslink_schema import Crosslink, CrosslinkFault
 from hil_sim.fault_kinds import CAN_FD_LENGTHS, KINDS, TARGETS
+from hil_sim.pseudorange_schema import Pseudoranges, SatelliteFault
 from hil_sim.scenario_section import Probability as Probability
 from hil_sim.scenario_section import Section as Section
 from hil_sim.scenario_section import StartAge as StartAge
@@ -198,6 +199,13 @@ class Flight(Section, frozen=True):
 
     table_set: Annotated[str, Meta(description="set of navigation parameters, by name")]
     table: Annotated[dict[str, Any], Meta(description="fields of the table to override")] = field(default_factory=dict)
+    gnss_set: (
+        Annotated[str, Meta(description="set of the consistency test of pseudoranges, by name; none: no such test")]
+        | None
+    ) = None
+    gnss_table: Annotated[dict[str, Any], Meta(description="fields of its table to override")] = field(
+        default_factory=dict
+    )
     allow_saturating: Annotated[
         bool, Meta(description="for a study: fly a table whose bound settles below its limit, which flight refuses")
     ] = False
@@ -235,6 +243,8 @@ class Scenario(Section, kw_only=True, frozen=True):
     fault: tuple[Fault, ...] = ()
     crosslink: Crosslink | None = None
     crosslink_fault: tuple[CrosslinkFault, ...] = ()
+    pseudoranges: Pseudoranges | None = None
+    satellite_fault: tuple[SatelliteFault, ...] = ()
 
 
 class Problem(NamedTuple):

@@ -34,9 +34,9 @@ from ground.reports.figures import make_figures
 from ground.reports.verdict import render_verdict
 from ground.tables.build import build_navigation
 from ground.tables.certified import build_certified
-from ground.tables.crosslink import build_crosslink
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from ground.tables.function_sets import build_function
 from hil_sim import crosslink_evaluation
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
@@ -166,10 +166,12 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
 def function_tables(loaded: LoadedScenario) -> dict[str, bytes]:
     """Images, by kind, of the functions beside navigation that the scenario has something for."""
     images = {}
-    link = loaded.scenario.crosslink
+    flight, link = loaded.scenario.flight, loaded.scenario.crosslink
+    if flight.gnss_set is not None:
+        images["gnss"] = build_function("gnss", flight.gnss_set, flight.gnss_table)
     if link is not None:
         who = {"satellites": link.satellites, "own": link.own - 1, "two_way": int(link.two_way), "both": int(link.both)}
-        images["crosslink"] = build_crosslink(link.table_set, {**who, "epoch_s": link.period_s})
+        images["crosslink"] = build_function("crosslink", link.table_set, {**who, "epoch_s": link.period_s})
     return images
 
 

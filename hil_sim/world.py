@@ -15,6 +15,8 @@ import numpy as np
 from hil_sim import announcements, crosslinks, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
+from hil_sim.pseudoranges import world as pseudoranges
+from hil_sim.pseudoranges.receiver import RawSeries
 from hil_sim.scenario import LoadedScenario, resolve_data_file
 from hil_sim.sensors import gnss_receiver, recorded
 from hil_sim.sensors.attitude import Pointing
@@ -71,6 +73,7 @@ class World:
         tick_period_ns: int,
         fixes: gnss_receiver.FixSeries,
         sent_frames: frames.FrameSeries,
+        raw: RawSeries | None = None,
     ) -> None:
         self.loaded = loaded
         self.scenario = loaded.scenario
@@ -88,6 +91,7 @@ class World:
         self.r_true_gcrf_m, self.v_true_gcrf_mps = truth.state_gcrf(self.t_true_gps_ns)
         self.frames_sent = 0
         self._fixes = fixes
+        self.raw = raw  # pseudoranges as they are sent, where the scenario has them
         self._ids = sent_frames.frame_id
         self._payloads = sent_frames.payload
         # how many frames have arrived by the true instant of each tick
@@ -129,9 +133,16 @@ class World:
         pulses = gnss_receiver.measure_pulses(
             oscillator, scenario.gnss, scenario.outage, start, start + duration_ns, jitter_ns, streams
         )
+        raw = None
+        if scenario.pseudoranges is not None:
+            fixes.sent[:] = False  # the receiver gives pseudoranges; fixes are made of them on board
+            raw = pseudoranges.build(loaded, truth, orientation, oscillator, start, start + duration_ns, streams)
         injector = faults.FaultInjector(scenario.fault, start, streams.faults)
         injector.corrupt_content(fixes, pulses)
-        sent = injector.corrupt_frames(frames.encode(fixes, pulses))
+        encoded = frames.encode(fixes, pulses)
+        if raw is not None:
+            encoded = frames.in_order([encoded, *raw.frames])
+        sent = injector.corrupt_frames(encoded)
         # a late frame does not slip into an outage either
         sent = sent.keep(~gnss_receiver.in_outage(sent.arrival_gps_ns, scenario.outage, start))
         if scenario.burn or scenario.command or scenario.attitude is not None:
@@ -142,7 +153,7 @@ class World:
             tell("crosslinks")
             links = crosslinks.encode(scenario, truth, start, start + duration_ns, streams.crosslinks, real_day(loaded))
             sent = frames.in_order([sent, injector.corrupt_frames(links, receiver=False)])
-        return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent)
+        return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent, None if raw is None else raw.series)
 
     def counter_ns(self, k: int) -> int:
         """Onboard counter at tick k [ns]."""

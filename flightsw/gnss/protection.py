@@ -78,6 +78,40 @@ def _level(work, modes, axis, allowed):
 
 
 @kernel
+def _mask_of(work, n, system):
+    mask = 0
+    for i in range(n):
+        if work["used"][i] != 0 and work["clock_of"][i] == system:
+            mask |= bit(i)
+    return mask
+
+
+@kernel
+def _add(table, work, n, result, modes, mask, probability, unmonitored):
+    """A mode, or what its probability adds to what is monitored by none; returns (modes, unmonitored)."""
+    if not (probability > 0.0):
+        return modes, unmonitored
+    more = _mode(table, work, n, result, modes, mask, probability)
+    return more, unmonitored if more > modes else unmonitored + probability
+
+
+@kernel
+def _pairs_with_constellation(table, work, n, result, j, modes, unmonitored):
+    """Modes of constellation j failing together with a later constellation, or with a satellite of another."""
+    mask, p_j = _mask_of(work, n, j), table["p_constellation"][j]
+    for k in range(j + 1, CONSTELLATIONS):
+        if work["sum"][k, 0] > 0.0:
+            both = mask | _mask_of(work, n, k)
+            p = p_j * table["p_constellation"][k]
+            modes, unmonitored = _add(table, work, n, result, modes, both, p, unmonitored)
+    for i in range(n):
+        if work["used"][i] != 0 and work["clock_of"][i] != j:
+            p = p_j * table["p_satellite"][work["clock_of"][i]]
+            modes, unmonitored = _add(table, work, n, result, modes, mask | bit(i), p, unmonitored)
+    return modes, unmonitored
+
+
+@kernel
 def protect(table, work, n, result):
     """Fill protection levels (east, north, up), availability, number of modes, from the reduced system of the fix."""
     priors, pairs_p = 0.0, 0.0
@@ -87,42 +121,33 @@ def protect(table, work, n, result):
             present += 1
             pairs_p += priors * table["p_constellation"][j]
             priors += table["p_constellation"][j]
-    of_constellations = pairs_p
-    across = priors
     for i in range(n):
         if work["used"][i] != 0:
             pairs_p += priors * table["p_satellite"][work["clock_of"][i]]
             priors += table["p_satellite"][work["clock_of"][i]]
     least = min(table["p_hmi"][0], min(table["p_hmi"][1], table["p_hmi"][2]))
     pairs = pairs_p > table["p_unmonitored"] * least
-    # three faults at once, and pairs with a constellation in them, are never modes
-    unmonitored = priors**3 / 6.0 + (of_constellations + across * (priors - across) if pairs else pairs_p)
+    # three faults at once are never a mode
+    unmonitored = priors**3 / 6.0 + (0.0 if pairs else pairs_p)
     modes = _mode(table, work, n, result, 0, 0, 2.0)
     for j in range(CONSTELLATIONS):
-        if work["sum"][j, 0] > 0.0 and table["p_constellation"][j] > 0.0:
-            mask = 0
-            for i in range(n):
-                if work["used"][i] != 0 and work["clock_of"][i] == j:
-                    mask |= bit(i)
-            more = _mode(table, work, n, result, modes, mask, table["p_constellation"][j]) if present > 1 else modes
-            if more == modes:
-                unmonitored += table["p_constellation"][j]
-            modes = more
+        p_j = table["p_constellation"][j]
+        if work["sum"][j, 0] > 0.0 and p_j > 0.0:
+            if present > 1:
+                modes, unmonitored = _add(table, work, n, result, modes, _mask_of(work, n, j), p_j, unmonitored)
+            else:
+                unmonitored += p_j
+            if pairs:
+                modes, unmonitored = _pairs_with_constellation(table, work, n, result, j, modes, unmonitored)
     for i in range(n):
         p_i = table["p_satellite"][work["clock_of"][i]]
         if work["used"][i] != 0 and p_i > 0.0:
-            more = _mode(table, work, n, result, modes, bit(i), p_i)
-            if more == modes:
-                unmonitored += p_i
-            modes = more
+            modes, unmonitored = _add(table, work, n, result, modes, bit(i), p_i, unmonitored)
             if pairs:
                 for k in range(i):
-                    p = p_i * table["p_satellite"][work["clock_of"][k]]
-                    if work["used"][k] != 0 and p > 0.0:
-                        more = _mode(table, work, n, result, modes, bit(i) | bit(k), p)
-                        if more == modes:
-                            unmonitored += p
-                        modes = more
+                    if work["used"][k] != 0:
+                        p = p_i * table["p_satellite"][work["clock_of"][k]]
+                        modes, unmonitored = _add(table, work, n, result, modes, bit(i) | bit(k), p, unmonitored)
     result["modes"] = modes
     result["available"] = 1
     for q in range(AXES):

@@ -10,35 +10,21 @@ from enum import IntEnum
 
 import numpy as np
 
+from flightsw.icd.enums import Constellation as Constellation
+from flightsw.icd.enums import GnssVerdict
+
 SATELLITES = 64  # rows of one epoch; bit masks of rows are one int64
 CONSTELLATIONS = 4
 AXES = 3
 WIDTH = SATELLITES + 1 + AXES  # of a row of the reduced system: residual space, residual, east, north, up
 EXCLUDED = 8  # satellites that can be left out of one epoch
 BEAM = 64  # sets kept from one number of exclusions to the next
-MODES = SATELLITES + CONSTELLATIONS + SATELLITES * (SATELLITES - 1) // 2  # fault modes of a protection level
+# fault modes of a protection level: none, satellites, constellations, and pairs of them
+_EVENTS = SATELLITES + CONSTELLATIONS
+MODES = 1 + _EVENTS + _EVENTS * (_EVENTS - 1) // 2
 
 
-class Constellation(IntEnum):
-    """Whose satellite it is: each has a clock unknown of its own."""
-
-    GPS = 0
-    GLONASS = 1
-    GALILEO = 2
-    BEIDOU = 3
-
-
-class Verdict(IntEnum):
-    """What became of an epoch. Only CONSISTENT and EXCLUDED have a fix that a test has passed."""
-
-    CONSISTENT = 0
-    EXCLUDED = 1  # consistent without the satellites named
-    AMBIGUOUS = 2  # as EXCLUDED, but another set explains the epoch nearly as well
-    UNTESTED = 3  # a fix, with as many unknowns as satellites: nothing can contradict it
-    INCONSISTENT = 4  # and no admissible exclusion helps
-    TOO_FEW = 5  # usable satellites for a solution
-    NO_SOLUTION = 6  # satellites without a geometry, or ranges without a place
-    TOO_MANY = 7  # more rows than an epoch can hold, or fewer than none
+Verdict = GnssVerdict
 
 
 class Row(IntEnum):
@@ -67,6 +53,7 @@ class Consistency(IntEnum):
 
     CHI_SQUARE = 0
     MARKOV = 1  # law of the errors unknown; only their variance is bounded
+    NONE = 2  # every epoch passes: what a flight without the test would do
 
 
 GNSS_TABLE = np.dtype(
@@ -82,6 +69,8 @@ GNSS_TABLE = np.dtype(
         ("isolate_odds", "f8"),  # 2 ln of the odds against a fault, once an epoch is inconsistent
         ("ambiguity", "f8"),  # gap of RSS below which two explanations are not told apart
         ("earth_rate_radps", "f8"),
+        ("ephemeris_age_max_s", "f8"),
+        ("signal_sigma_m", "f8", (CONSTELLATIONS,)),  # of orbit and clock, added to the receiver's
         ("radius_min_m", "f8"),  # of a navigation satellite
         ("radius_max_m", "f8"),
         ("range_min_m", "f8"),
@@ -109,6 +98,37 @@ EPOCH = np.dtype(
         ("r_m", "f8", (SATELLITES, 3)),  # satellite, Earth-fixed, at transmission
         ("start_known", "i8"),
         ("start_m", "f8", (3,)),  # a place to begin from; otherwise the centre of the Earth
+    ],
+    align=True,
+)
+
+# What a receiver says of one epoch: pseudoranges by its own clock, before anything is known of the satellites.
+RAW = np.dtype(
+    [
+        ("t_gps_ns", "i8"),  # by the receiver's clock
+        ("t_counter_ns", "i8"),
+        ("count", "i8"),
+        ("satellite", "i8", (SATELLITES,)),
+        ("constellation", "i8", (SATELLITES,)),
+        ("range_m", "f8", (SATELLITES,)),
+        ("sigma_m", "f8", (SATELLITES,)),
+    ],
+    align=True,
+)
+
+# The last known place of every satellite, by constellation and number less one.
+EPHEMERIDES = np.dtype(
+    [
+        (name, kind, (CONSTELLATIONS, SATELLITES, *shape))
+        for name, kind, shape in (
+            ("known", "i8", ()),
+            ("issue", "i8", ()),
+            ("t_ref_gps_ns", "i8", ()),
+            ("r_m", "f8", (3,)),  # Earth-fixed, at the reference time
+            ("v_mps", "f8", (3,)),  # as seen from the turning Earth
+            ("clock_m", "f8", ()),  # satellite's clock less GPS time, relativity included
+            ("clock_drift_mps", "f8", ()),
+        )
     ],
     align=True,
 )

@@ -52,6 +52,8 @@ class Settings:
     p_unmonitored: float = 0.7
     bias_m: float = 0.0
     alert_limit_m: tuple[float, float, float] = (10.0, 10.0, 10.0)
+    ephemeris_age_max_s: float = 60.0
+    signal_sigma_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the setting, for what no test can be built from."""
@@ -70,6 +72,8 @@ class Settings:
             ("p_hmi", len(self.p_hmi) != 3 or not all(0.0 < p < 1.0 for p in self.p_hmi)),
             ("p_unmonitored", not 0.0 <= self.p_unmonitored <= 1.0),
             ("bias_m", not 0.0 <= self.bias_m < 1e3),
+            ("ephemeris_age_max_s", not 0.0 < self.ephemeris_age_max_s <= 600.0),
+            ("signal_sigma_m", len(self.signal_sigma_m) != CONSTELLATIONS or not min(self.signal_sigma_m) >= 0.0),
             ("alert_limit_m", len(self.alert_limit_m) != 3 or not all(a > 0.0 for a in self.alert_limit_m)),
         ):
             if bad:
@@ -81,7 +85,9 @@ def _priors(values: tuple[float, ...]) -> bool:
 
 
 def thresholds(settings: Settings) -> list[float]:
-    """Of RSS by degrees of freedom 0 (never exceeded) to SATELLITES: chi-square, or Markov's inequality."""
+    """Of RSS by degrees of freedom 0 (never exceeded) to SATELLITES: chi-square, Markov's inequality, or no test."""
+    if settings.test == Consistency.NONE:
+        return [math.inf] * (SATELLITES + 1)
     if settings.test == Consistency.MARKOV:
         return [math.inf, *(dof / settings.alpha for dof in range(1, SATELLITES + 1))]
     return [math.inf, *(chi2_quantile(settings.alpha, dof) for dof in range(1, SATELLITES + 1))]
@@ -99,17 +105,27 @@ def build_table(settings: Settings) -> np.ndarray:
         "sigma_factor",
         "ambiguity",
         "earth_rate_radps",
+        "ephemeris_age_max_s",
         "further",
         "isolate_odds",
     ):
         record[name] = getattr(settings, name)
-    for name in ("p_satellite", "p_constellation", "p_hmi", "p_unmonitored", "bias_m", "alert_limit_m"):
+    for name in (
+        "p_satellite",
+        "p_constellation",
+        "p_hmi",
+        "p_unmonitored",
+        "bias_m",
+        "alert_limit_m",
+        "signal_sigma_m",
+    ):
         record[name] = getattr(settings, name)
     record["threshold"] = thresholds(settings)
     # an equal share of local_alpha for each of as many satellites as an epoch usually has at most
-    sigmas = normal_quantile(settings.local_alpha / 32) if settings.local_alpha > 0.0 else math.inf
+    local = settings.local_alpha > 0.0 and settings.test != Consistency.NONE
+    sigmas = normal_quantile(settings.local_alpha / 32) if local else math.inf
     record["local_threshold"] = sigmas * sigmas
-    record["k_false_alarm"] = sigmas if settings.local_alpha > 0.0 else 0.0
+    record["k_false_alarm"] = sigmas if local else 0.0
     record["radius_min_m"], record["radius_max_m"] = 2.0e7, 5.0e7
     record["range_min_m"], record["range_max_m"] = 1.0e6, 1.0e8
     table.flags.writeable = False

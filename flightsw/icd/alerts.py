@@ -56,6 +56,10 @@ class AlertId(IntEnum):
     LINK_REFUSED = 28
     STATE_UPLOADED = 29
     UPLOAD_REFUSED = 30
+    GNSS_EXCLUDED = 31
+    GNSS_INCONSISTENT = 32
+    GNSS_PROTECTION = 33
+    GNSS_UNTESTED = 34
     CROSSLINK_OWN_FAULT = 35
     CROSSLINK_OWN_SUSPECT = 36
     CROSSLINK_NEIGHBOUR_FAULTY = 37
@@ -102,6 +106,10 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.LINK_REFUSED, Severity.WARNING, "Commands refused: signature or address wrong"),
         Alert(AlertId.STATE_UPLOADED, Severity.NOTICE, "State from the ground taken: not certified"),
         Alert(AlertId.UPLOAD_REFUSED, Severity.WARNING, "State from the ground refused"),
+        Alert(AlertId.GNSS_EXCLUDED, Severity.WARNING, "Faulty GNSS satellites found and left out"),
+        Alert(AlertId.GNSS_INCONSISTENT, Severity.ALERT, "Pseudoranges contradict themselves: no fix"),
+        Alert(AlertId.GNSS_PROTECTION, Severity.NOTICE, "GNSS protection level beyond its alert limit"),
+        Alert(AlertId.GNSS_UNTESTED, Severity.WARNING, "Too few GNSS satellites to test a fix: not used"),
         Alert(AlertId.CROSSLINK_OWN_FAULT, Severity.CRITICAL, "Own broadcast message is wrong: do not use it"),
         Alert(AlertId.CROSSLINK_OWN_SUSPECT, Severity.WARNING, "Own broadcast message in doubt"),
         Alert(

@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.icd.frame_layout import FrameLayout as FrameLayout
 
-ICD_VERSION = "2.0"
+ICD_VERSION = "2.1"
 
 TIME_SYNC = FrameLayout(
     name="TIME_SYNC",
@@ -368,6 +368,237 @@ NAV_COMMAND = FrameLayout(
     ),
     counter_offset=5,
     crc_offset=6,
+)
+
+GNSS_EPOCH = FrameLayout(
+    name="GNSS_EPOCH",
+    frame_id=0x150,
+    length=32,
+    data_id=0x238D,
+    data_id_bytes=bytes((0x8D, 0x23)),
+    sender="GNSS",
+    struct_format="<qqB12xBH",
+    field_names=(
+        "t_gps_ns",
+        "t_counter_ns",
+        "count",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "t_counter_ns",
+                "count",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<i8",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # t_counter_ns [ns]
+                16,  # count [-]
+                29,  # counter [-]
+                30,  # crc [-]
+            ],
+            "itemsize": 32,
+        }
+    ),
+    counter_offset=29,
+    crc_offset=30,
+)
+
+GNSS_RANGES = FrameLayout(
+    name="GNSS_RANGES",
+    frame_id=0x151,
+    length=64,
+    data_id=0x5CBD,
+    data_id_bytes=bytes((0xBD, 0x5C)),
+    sender="GNSS",
+    struct_format="<qBdfBBBdfBBBdfBBB7xBH",
+    field_names=(
+        "t_gps_ns",
+        "count",
+        "range_0_m",
+        "sigma_0_m",
+        "satellite_0",
+        "constellation_0",
+        "cn0_0_dbhz",
+        "range_1_m",
+        "sigma_1_m",
+        "satellite_1",
+        "constellation_1",
+        "cn0_1_dbhz",
+        "range_2_m",
+        "sigma_2_m",
+        "satellite_2",
+        "constellation_2",
+        "cn0_2_dbhz",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "count",
+                "range_0_m",
+                "sigma_0_m",
+                "satellite_0",
+                "constellation_0",
+                "cn0_0_dbhz",
+                "range_1_m",
+                "sigma_1_m",
+                "satellite_1",
+                "constellation_1",
+                "cn0_1_dbhz",
+                "range_2_m",
+                "sigma_2_m",
+                "satellite_2",
+                "constellation_2",
+                "cn0_2_dbhz",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "u1",
+                "<f8",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "<f8",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "<f8",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # count [-]
+                9,  # range_0_m [m]
+                17,  # sigma_0_m [m]
+                21,  # satellite_0 [-]
+                22,  # constellation_0 [-]
+                23,  # cn0_0_dbhz [dB-Hz]
+                24,  # range_1_m [m]
+                32,  # sigma_1_m [m]
+                36,  # satellite_1 [-]
+                37,  # constellation_1 [-]
+                38,  # cn0_1_dbhz [dB-Hz]
+                39,  # range_2_m [m]
+                47,  # sigma_2_m [m]
+                51,  # satellite_2 [-]
+                52,  # constellation_2 [-]
+                53,  # cn0_2_dbhz [dB-Hz]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+GNSS_EPHEMERIS = FrameLayout(
+    name="GNSS_EPHEMERIS",
+    frame_id=0x152,
+    length=64,
+    data_id=0x79B1,
+    data_id_bytes=bytes((0xB1, 0x79)),
+    sender="GNSS",
+    struct_format="<qddddffffHBBBBH",
+    field_names=(
+        "t_ref_gps_ns",
+        "x_itrf_m",
+        "y_itrf_m",
+        "z_itrf_m",
+        "clock_m",
+        "vx_itrf_mps",
+        "vy_itrf_mps",
+        "vz_itrf_mps",
+        "clock_drift_mps",
+        "issue",
+        "satellite",
+        "constellation",
+        "status",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_ref_gps_ns",
+                "x_itrf_m",
+                "y_itrf_m",
+                "z_itrf_m",
+                "clock_m",
+                "vx_itrf_mps",
+                "vy_itrf_mps",
+                "vz_itrf_mps",
+                "clock_drift_mps",
+                "issue",
+                "satellite",
+                "constellation",
+                "status",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<u2",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_ref_gps_ns [ns]
+                8,  # x_itrf_m [m]
+                16,  # y_itrf_m [m]
+                24,  # z_itrf_m [m]
+                32,  # clock_m [m]
+                40,  # vx_itrf_mps [m/s]
+                44,  # vy_itrf_mps [m/s]
+                48,  # vz_itrf_mps [m/s]
+                52,  # clock_drift_mps [m/s]
+                56,  # issue [-]
+                58,  # satellite [-]
+                59,  # constellation [-]
+                60,  # status [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
 )
 
 CROSSLINK_EPHEMERIS = FrameLayout(
@@ -824,6 +1055,221 @@ TIME_TO_FLAG = FrameLayout(
     crc_offset=30,
 )
 
+GNSS_CHECK = FrameLayout(
+    name="GNSS_CHECK",
+    frame_id=0x210,
+    length=64,
+    data_id=0xB165,
+    data_id_bytes=bytes((0x65, 0xB1)),
+    sender="FLIGHT",
+    struct_format="<qfffffffffffBBBBBBB2xBH",
+    field_names=(
+        "t_gps_ns",
+        "statistic",
+        "threshold",
+        "protection_east_m",
+        "protection_north_m",
+        "protection_up_m",
+        "limit_east_m",
+        "limit_north_m",
+        "limit_up_m",
+        "sigma_east_m",
+        "sigma_north_m",
+        "sigma_up_m",
+        "gnss_verdict",
+        "used",
+        "excluded",
+        "refused",
+        "dof",
+        "available",
+        "offered",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "statistic",
+                "threshold",
+                "protection_east_m",
+                "protection_north_m",
+                "protection_up_m",
+                "limit_east_m",
+                "limit_north_m",
+                "limit_up_m",
+                "sigma_east_m",
+                "sigma_north_m",
+                "sigma_up_m",
+                "gnss_verdict",
+                "used",
+                "excluded",
+                "refused",
+                "dof",
+                "available",
+                "offered",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "<f4",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # statistic [-]
+                12,  # threshold [-]
+                16,  # protection_east_m [m]
+                20,  # protection_north_m [m]
+                24,  # protection_up_m [m]
+                28,  # limit_east_m [m]
+                32,  # limit_north_m [m]
+                36,  # limit_up_m [m]
+                40,  # sigma_east_m [m]
+                44,  # sigma_north_m [m]
+                48,  # sigma_up_m [m]
+                52,  # gnss_verdict [-]
+                53,  # used [-]
+                54,  # excluded [-]
+                55,  # refused [-]
+                56,  # dof [-]
+                57,  # available [-]
+                58,  # offered [-]
+                61,  # counter [-]
+                62,  # crc [-]
+            ],
+            "itemsize": 64,
+        }
+    ),
+    counter_offset=61,
+    crc_offset=62,
+)
+
+GNSS_USED = FrameLayout(
+    name="GNSS_USED",
+    frame_id=0x211,
+    length=48,
+    data_id=0xC41F,
+    data_id_bytes=bytes((0x1F, 0xC4)),
+    sender="FLIGHT",
+    struct_format="<qQQQQ5xBH",
+    field_names=(
+        "t_gps_ns",
+        "gps",
+        "glonass",
+        "galileo",
+        "beidou",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "gps",
+                "glonass",
+                "galileo",
+                "beidou",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<u8",
+                "<u8",
+                "<u8",
+                "<u8",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # gps [-]
+                16,  # glonass [-]
+                24,  # galileo [-]
+                32,  # beidou [-]
+                45,  # counter [-]
+                46,  # crc [-]
+            ],
+            "itemsize": 48,
+        }
+    ),
+    counter_offset=45,
+    crc_offset=46,
+)
+
+GNSS_EXCLUDED = FrameLayout(
+    name="GNSS_EXCLUDED",
+    frame_id=0x212,
+    length=48,
+    data_id=0xE609,
+    data_id_bytes=bytes((0x09, 0xE6)),
+    sender="FLIGHT",
+    struct_format="<qQQQQ5xBH",
+    field_names=(
+        "t_gps_ns",
+        "gps",
+        "glonass",
+        "galileo",
+        "beidou",
+        "counter",
+        "crc",
+    ),
+    dtype=np.dtype(
+        {
+            "names": [
+                "t_gps_ns",
+                "gps",
+                "glonass",
+                "galileo",
+                "beidou",
+                "counter",
+                "crc",
+            ],
+            "formats": [
+                "<i8",
+                "<u8",
+                "<u8",
+                "<u8",
+                "<u8",
+                "u1",
+                "<u2",
+            ],
+            "offsets": [
+                0,  # t_gps_ns [ns]
+                8,  # gps [-]
+                16,  # glonass [-]
+                24,  # galileo [-]
+                32,  # beidou [-]
+                45,  # counter [-]
+                46,  # crc [-]
+            ],
+            "itemsize": 48,
+        }
+    ),
+    counter_offset=45,
+    crc_offset=46,
+)
+
 CROSSLINK_STATUS = FrameLayout(
     name="CROSSLINK_STATUS",
     frame_id=0x218,
@@ -948,11 +1394,17 @@ LAYOUTS: dict[int, FrameLayout] = {
     BURN.frame_id: BURN,
     ATTITUDE.frame_id: ATTITUDE,
     NAV_COMMAND.frame_id: NAV_COMMAND,
+    GNSS_EPOCH.frame_id: GNSS_EPOCH,
+    GNSS_RANGES.frame_id: GNSS_RANGES,
+    GNSS_EPHEMERIS.frame_id: GNSS_EPHEMERIS,
     CROSSLINK_EPHEMERIS.frame_id: CROSSLINK_EPHEMERIS,
     CROSSLINK_RANGES.frame_id: CROSSLINK_RANGES,
     NAV_STATE.frame_id: NAV_STATE,
     INTEGRITY.frame_id: INTEGRITY,
     FLIGHT_HEARTBEAT.frame_id: FLIGHT_HEARTBEAT,
     TIME_TO_FLAG.frame_id: TIME_TO_FLAG,
+    GNSS_CHECK.frame_id: GNSS_CHECK,
+    GNSS_USED.frame_id: GNSS_USED,
+    GNSS_EXCLUDED.frame_id: GNSS_EXCLUDED,
     CROSSLINK_STATUS.frame_id: CROSSLINK_STATUS,
 }

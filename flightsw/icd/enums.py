@@ -158,6 +158,32 @@ class CrosslinkMajority(IntEnum):
     UNRELIABLE = 2
 
 
+class Constellation(IntEnum):
+    """Whose satellite it is: each has a clock of its own (DBC signal `constellation`)."""
+
+    GPS = 0
+    GLONASS = 1
+    GALILEO = 2
+    BEIDOU = 3
+
+
+class GnssVerdict(IntEnum):
+    """What became of an epoch of pseudoranges (DBC signal `gnss_verdict`).
+
+    Only CONSISTENT and EXCLUDED have a fix that a test has passed.
+    """
+
+    CONSISTENT = 0
+    EXCLUDED = 1  # consistent without the satellites named
+    AMBIGUOUS = 2  # as EXCLUDED, but another set explains the epoch nearly as well
+    UNTESTED = 3  # a fix, with as many unknowns as satellites: nothing can contradict it
+    INCONSISTENT = 4  # and no admissible exclusion helps
+    TOO_FEW = 5  # usable satellites for a solution
+    NO_SOLUTION = 6  # satellites without a geometry, or ranges without a place
+    TOO_MANY = 7  # more rows than an epoch can hold, or fewer than none
+    NO_EPOCH = 8  # none has been judged yet
+
+
 class RejectCause(IntEnum):
     """Why a frame, a pulse or a fix did not change the state; index into the 32 counters of telemetry."""
 

@@ -1336,6 +1336,30 @@ enums["LEONAV_GOVERNING"][5] = EnumEntry("LEONAV_GOVERNING_FLAG", """""")
 LEONAV_GOVERNING_ENUM_END = 6
 enums["LEONAV_GOVERNING"][6] = EnumEntry("LEONAV_GOVERNING_ENUM_END", """""")
 
+# LEONAV_GNSS_VERDICT
+enums["LEONAV_GNSS_VERDICT"] = Enum()
+enums["LEONAV_GNSS_VERDICT"].bitmask = False
+LEONAV_GNSS_VERDICT_CONSISTENT = 0
+enums["LEONAV_GNSS_VERDICT"][0] = EnumEntry("LEONAV_GNSS_VERDICT_CONSISTENT", """""")
+LEONAV_GNSS_VERDICT_EXCLUDED = 1
+enums["LEONAV_GNSS_VERDICT"][1] = EnumEntry("LEONAV_GNSS_VERDICT_EXCLUDED", """""")
+LEONAV_GNSS_VERDICT_AMBIGUOUS = 2
+enums["LEONAV_GNSS_VERDICT"][2] = EnumEntry("LEONAV_GNSS_VERDICT_AMBIGUOUS", """""")
+LEONAV_GNSS_VERDICT_UNTESTED = 3
+enums["LEONAV_GNSS_VERDICT"][3] = EnumEntry("LEONAV_GNSS_VERDICT_UNTESTED", """""")
+LEONAV_GNSS_VERDICT_INCONSISTENT = 4
+enums["LEONAV_GNSS_VERDICT"][4] = EnumEntry("LEONAV_GNSS_VERDICT_INCONSISTENT", """""")
+LEONAV_GNSS_VERDICT_TOO_FEW = 5
+enums["LEONAV_GNSS_VERDICT"][5] = EnumEntry("LEONAV_GNSS_VERDICT_TOO_FEW", """""")
+LEONAV_GNSS_VERDICT_NO_SOLUTION = 6
+enums["LEONAV_GNSS_VERDICT"][6] = EnumEntry("LEONAV_GNSS_VERDICT_NO_SOLUTION", """""")
+LEONAV_GNSS_VERDICT_TOO_MANY = 7
+enums["LEONAV_GNSS_VERDICT"][7] = EnumEntry("LEONAV_GNSS_VERDICT_TOO_MANY", """""")
+LEONAV_GNSS_VERDICT_NO_EPOCH = 8
+enums["LEONAV_GNSS_VERDICT"][8] = EnumEntry("LEONAV_GNSS_VERDICT_NO_EPOCH", """""")
+LEONAV_GNSS_VERDICT_ENUM_END = 9
+enums["LEONAV_GNSS_VERDICT"][9] = EnumEntry("LEONAV_GNSS_VERDICT_ENUM_END", """""")
+
 # LEONAV_STATE_FRAME
 enums["LEONAV_STATE_FRAME"] = Enum()
 enums["LEONAV_STATE_FRAME"].bitmask = False
@@ -1477,6 +1501,14 @@ LEONAV_ALERT_ID_STATE_UPLOADED = 29
 enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_STATE_UPLOADED", """State from the ground taken: not certified""")
 LEONAV_ALERT_ID_UPLOAD_REFUSED = 30
 enums["LEONAV_ALERT_ID"][30] = EnumEntry("LEONAV_ALERT_ID_UPLOAD_REFUSED", """State from the ground refused""")
+LEONAV_ALERT_ID_GNSS_EXCLUDED = 31
+enums["LEONAV_ALERT_ID"][31] = EnumEntry("LEONAV_ALERT_ID_GNSS_EXCLUDED", """Faulty GNSS satellites found and left out""")
+LEONAV_ALERT_ID_GNSS_INCONSISTENT = 32
+enums["LEONAV_ALERT_ID"][32] = EnumEntry("LEONAV_ALERT_ID_GNSS_INCONSISTENT", """Pseudoranges contradict themselves: no fix""")
+LEONAV_ALERT_ID_GNSS_PROTECTION = 33
+enums["LEONAV_ALERT_ID"][33] = EnumEntry("LEONAV_ALERT_ID_GNSS_PROTECTION", """GNSS protection level beyond its alert limit""")
+LEONAV_ALERT_ID_GNSS_UNTESTED = 34
+enums["LEONAV_ALERT_ID"][34] = EnumEntry("LEONAV_ALERT_ID_GNSS_UNTESTED", """Too few GNSS satellites to test a fix: not used""")
 LEONAV_ALERT_ID_CROSSLINK_OWN_FAULT = 35
 enums["LEONAV_ALERT_ID"][35] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_OWN_FAULT", """Own broadcast message is wrong: do not use it""")
 LEONAV_ALERT_ID_CROSSLINK_OWN_SUSPECT = 36
@@ -1666,6 +1698,7 @@ MAVLINK_MSG_ID_LEONAV_LINK = 61408
 MAVLINK_MSG_ID_LEONAV_TIMING = 61409
 MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
 MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
+MAVLINK_MSG_ID_LEONAV_GNSS_CHECK = 61412
 MAVLINK_MSG_ID_LEONAV_CROSSLINK = 61416
 
 
@@ -3191,6 +3224,60 @@ class MAVLink_leonav_state_result_message(MAVLink_message):
 setattr(MAVLink_leonav_state_result_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_gnss_check_message(MAVLink_message):
+    """
+    What the consistency test made of the last epoch of pseudoranges.
+    Sent where a table of kind gnss flies.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_GNSS_CHECK
+    msgname = "LEONAV_GNSS_CHECK"
+    fieldnames = ["t_gps_ns", "used", "excluded", "age_s", "statistic", "threshold", "protection_m", "limit_m", "sigma_m", "epochs", "offered_count", "verdict", "refused", "dof", "available", "offered"]
+    ordered_fieldnames = ["t_gps_ns", "used", "excluded", "age_s", "statistic", "threshold", "protection_m", "limit_m", "sigma_m", "epochs", "offered_count", "verdict", "refused", "dof", "available", "offered"]
+    fieldtypes = ["int64_t", "uint64_t", "uint64_t", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"verdict": "LEONAV_GNSS_VERDICT"}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "age_s": "s", "protection_m": "m", "limit_m": "m", "sigma_m": "m"}
+    native_format = bytearray(b"<qQQffffffIIBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 4, 4, 1, 1, 1, 3, 3, 3, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 4, 0, 0, 0, 3, 3, 3, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 44
+    unpacker = struct.Struct("<q4Q4Qfff3f3f3fIIBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, used: Sequence[int], excluded: Sequence[int], age_s: float, statistic: float, threshold: float, protection_m: Sequence[float], limit_m: Sequence[float], sigma_m: Sequence[float], epochs: int, offered_count: int, verdict: int, refused: int, dof: int, available: int, offered: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_gnss_check_message.id, MAVLink_leonav_gnss_check_message.msgname)
+        self._fieldnames = MAVLink_leonav_gnss_check_message.fieldnames
+        self._instance_field = MAVLink_leonav_gnss_check_message.instance_field
+        self._instance_offset = MAVLink_leonav_gnss_check_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.used = used
+        self.excluded = excluded
+        self.age_s = age_s
+        self.statistic = statistic
+        self.threshold = threshold
+        self.protection_m = protection_m
+        self.limit_m = limit_m
+        self.sigma_m = sigma_m
+        self.epochs = epochs
+        self.offered_count = offered_count
+        self.verdict = verdict
+        self.refused = refused
+        self.dof = dof
+        self.available = available
+        self.offered = offered
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.used[0], self.used[1], self.used[2], self.used[3], self.excluded[0], self.excluded[1], self.excluded[2], self.excluded[3], self.age_s, self.statistic, self.threshold, self.protection_m[0], self.protection_m[1], self.protection_m[2], self.limit_m[0], self.limit_m[1], self.limit_m[2], self.sigma_m[0], self.sigma_m[1], self.sigma_m[2], self.epochs, self.offered_count, self.verdict, self.refused, self.dof, self.available, self.offered), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_gnss_check_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_leonav_crosslink_message(MAVLink_message):
     """
     The inter-satellite monitor: who is excluded, statistics against
@@ -3283,6 +3370,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_TIMING: MAVLink_leonav_timing_message,
     MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD: MAVLink_leonav_state_upload_message,
     MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
+    MAVLINK_MSG_ID_LEONAV_GNSS_CHECK: MAVLink_leonav_gnss_check_message,
     MAVLINK_MSG_ID_LEONAV_CROSSLINK: MAVLink_leonav_crosslink_message,
 }
 
@@ -3680,7 +3768,7 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
-    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 4) -> MAVLink_heartbeat_message:
+    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 5) -> MAVLink_heartbeat_message:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -3700,7 +3788,7 @@ class MAVLink(object):
         """
         return MAVLink_heartbeat_message(type, autopilot, base_mode, custom_mode, system_status, mavlink_version)
 
-    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 4, force_mavlink1: bool = False) -> None:
+    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 5, force_mavlink1: bool = False) -> None:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -4867,6 +4955,56 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_state_result_encode(sequence, nis, cause), force_mavlink1=force_mavlink1)
+
+    def leonav_gnss_check_encode(self, t_gps_ns: int, used: Sequence[int], excluded: Sequence[int], age_s: float, statistic: float, threshold: float, protection_m: Sequence[float], limit_m: Sequence[float], sigma_m: Sequence[float], epochs: int, offered_count: int, verdict: int, refused: int, dof: int, available: int, offered: int) -> MAVLink_leonav_gnss_check_message:
+        """
+        What the consistency test made of the last epoch of pseudoranges. Sent
+        where a table of kind gnss flies.
+
+        t_gps_ns                  : Time of the epoch by the receiver's clock, since 1980-01-06T00:00:00 GPS. [ns] (type:int64_t)
+        used                      : Satellites in the fix: GPS, GLONASS, Galileo, BeiDou; bit i is satellite i + 1. (type:uint64_t)
+        excluded                  : Satellites that the test left out. (type:uint64_t)
+        age_s                     : Age of the epoch; NaN before the first. [s] (type:float)
+        statistic                 : Sum of squared weighted residuals of the satellites used; NaN where there is no fix. (type:float)
+        threshold                 : Largest that passes; infinite where nothing can contradict. (type:float)
+        protection_m              : Protection levels east, north, up; infinite where there is none. [m] (type:float)
+        limit_m                   : Alert limits. [m] (type:float)
+        sigma_m                   : 1-sigma of the fix. [m] (type:float)
+        epochs                    : Epochs judged since start. (type:uint32_t)
+        offered_count             : Fixes handed to navigation since start. (type:uint32_t)
+        verdict                   : What became of the epoch. (type:uint8_t, values:LEONAV_GNSS_VERDICT)
+        refused                   : Satellites left out before the test: no number, no place, twice there. (type:uint8_t)
+        dof                       : Degrees of freedom of the statistic. (type:uint8_t)
+        available                 : 1: every level is within its limit. (type:uint8_t)
+        offered                   : 1: the fix was handed to navigation. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_gnss_check_message(t_gps_ns, used, excluded, age_s, statistic, threshold, protection_m, limit_m, sigma_m, epochs, offered_count, verdict, refused, dof, available, offered)
+
+    def leonav_gnss_check_send(self, t_gps_ns: int, used: Sequence[int], excluded: Sequence[int], age_s: float, statistic: float, threshold: float, protection_m: Sequence[float], limit_m: Sequence[float], sigma_m: Sequence[float], epochs: int, offered_count: int, verdict: int, refused: int, dof: int, available: int, offered: int, force_mavlink1: bool = False) -> None:
+        """
+        What the consistency test made of the last epoch of pseudoranges. Sent
+        where a table of kind gnss flies.
+
+        t_gps_ns                  : Time of the epoch by the receiver's clock, since 1980-01-06T00:00:00 GPS. [ns] (type:int64_t)
+        used                      : Satellites in the fix: GPS, GLONASS, Galileo, BeiDou; bit i is satellite i + 1. (type:uint64_t)
+        excluded                  : Satellites that the test left out. (type:uint64_t)
+        age_s                     : Age of the epoch; NaN before the first. [s] (type:float)
+        statistic                 : Sum of squared weighted residuals of the satellites used; NaN where there is no fix. (type:float)
+        threshold                 : Largest that passes; infinite where nothing can contradict. (type:float)
+        protection_m              : Protection levels east, north, up; infinite where there is none. [m] (type:float)
+        limit_m                   : Alert limits. [m] (type:float)
+        sigma_m                   : 1-sigma of the fix. [m] (type:float)
+        epochs                    : Epochs judged since start. (type:uint32_t)
+        offered_count             : Fixes handed to navigation since start. (type:uint32_t)
+        verdict                   : What became of the epoch. (type:uint8_t, values:LEONAV_GNSS_VERDICT)
+        refused                   : Satellites left out before the test: no number, no place, twice there. (type:uint8_t)
+        dof                       : Degrees of freedom of the statistic. (type:uint8_t)
+        available                 : 1: every level is within its limit. (type:uint8_t)
+        offered                   : 1: the fix was handed to navigation. (type:uint8_t)
+
+        """
+        self.send(self.leonav_gnss_check_encode(t_gps_ns, used, excluded, age_s, statistic, threshold, protection_m, limit_m, sigma_m, epochs, offered_count, verdict, refused, dof, available, offered), force_mavlink1=force_mavlink1)
 
     def leonav_crosslink_encode(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int) -> MAVLink_leonav_crosslink_message:
         """

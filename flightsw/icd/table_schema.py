@@ -7,6 +7,7 @@ schema it was built with; flight refuses any other. Changing a field here change
 from __future__ import annotations
 
 from flightsw.icd.crosslink_schema import CROSSLINK as CROSSLINK
+from flightsw.icd.gnss_schema import GNSS as GNSS
 from flightsw.icd.table_field import Field as Field
 from flightsw.icd.table_field import Schema as Schema
 from flightsw.icd.table_field import group as _group
@@ -352,5 +353,5 @@ FORCES = Schema(
 )
 
 SCHEMAS: dict[str, Schema] = {
-    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, CROSSLINK)
+    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, GNSS, CROSSLINK)
 }

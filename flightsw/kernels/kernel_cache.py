@@ -20,7 +20,7 @@ _COMPILED_ROOMS = ("kernels", "nav", "integrity")
 _LOCATORS = "flightsw.kernels.cache_locator.PackageLocator,UserProvidedCacheLocator"
 _COMPILED_FILES = (
     *("records.py", "modes.py", "icd/alerts.py", "icd/enums.py"),
-    *("icd/table_schema.py", "icd/table_field.py", "icd/crosslink_schema.py"),
+    *("icd/table_schema.py", "icd/table_field.py", "icd/gnss_schema.py", "icd/crosslink_schema.py"),
 )
 
 

@@ -105,6 +105,12 @@ class EpochAssembly:
         self._position = self._velocity = None
         self._put_fix(position, velocity)
 
+    def put_position(
+        self, t_gps_ns: int, t_counter_ns: int, r_itrf_m: Sequence[float], sigma_m: Sequence[float], satellites: int
+    ) -> None:
+        """A position that was solved on board, as if a receiver without velocity had sent it."""
+        self._put_fix((t_gps_ns, t_counter_ns, *r_itrf_m, *sigma_m, satellites, _POSITION_3D), None)
+
     def _put_fix(self, position: tuple[float, ...], velocity: tuple[float, ...] | None) -> None:
         index = self._claim()
         if index < 0:

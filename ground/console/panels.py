@@ -13,13 +13,21 @@ from rich.text import Text
 from flightsw.icd.alerts import Severity
 from flightsw.icd.enums import DaSource, FlagState, Governing
 from ground.console.link import Link, Statistics
-from ground.console.model import Event, State, TimeToFlag, active_alerts, age_s, cause_name
+from ground.console.model import Event, State, active_alerts, age_s, cause_name
 from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
+from ground.console.told import TimeToFlag
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
-PAGE_NAMES = ("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing", "crosslink")
-SHORT_NAMES = {"overview": "view", "parameters": "param", "crosslink": "xlink"}  # for the line of keys, which is full
+PAGE_NAMES = (
+    *("overview", "alarms", "filter", "link", "tables", "parameters", "events", "timing", "gnss", "crosslink"),
+)
+SHORT_NAMES = {
+    "overview": "view",
+    "parameters": "param",
+    "timing": "time",
+    "crosslink": "xlink",
+}  # for the line of keys
 SEVERITY_STYLES: dict[int, str] = {
     Severity.EMERGENCY: "bold red",
     Severity.ALERT: "bold red",

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
+from ground.console import gnss
 from ground.console.crosslink_page import plain_words
 from ground.console.link import Link
 from ground.console.model import Event, State, age_s, reduce
@@ -38,6 +39,8 @@ def status_line(state: State, now_s: float, link: object = None) -> str:
         parts.append(f"time left {time_left(left)}{_stale(now_s, state.time_to_flag_s)}")
     if state.satellites is not None:
         parts.append(f"{state.satellites} satellites{_stale(now_s, state.innovation_s or state.satellites_s)}")
+    if state.gnss is not None:
+        parts.append(f"{gnss.words(state.gnss)}{_stale(now_s, state.gnss_s)}")
     if i is not None:
         parts.append(f"flag {flag_words(i.flag_state, i.flag_age_s)}, table {i.table_crc32:08x}")
     waiting = sum(alarm.acknowledged_s is None for alarm in state.alarms)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from ground.console.model import State, Timing, age_s
+from ground.console.model import State, age_s
 from ground.console.text import seconds
+from ground.console.told import Timing
 
 STALE_TURNS_S = 60.0  # members take turns, one a second
 FIRST_OCTAVE = 10  # the first element of the histogram ends at 2^10 ns

@@ -11,8 +11,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from flightsw.icd.enums import Certificate, FlagState, Mode, Validity, Verdict
-from ground.console.model import Integrity, State, age_s
+from ground.console.model import State, age_s
 from ground.console.text import metres, percent, seconds
+from ground.console.told import Integrity
 
 LINK_TIMEOUT_S = 3.0  # three heartbeats missed
 STALE_S = 3.0  # a value not renewed for this long is marked

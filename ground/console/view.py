@@ -16,7 +16,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
-from ground.console import alarms, model, pages, panels, plot
+from ground.console import alarms, gnss, model, pages, panels, plot
 from ground.console.crosslink_page import crosslink_page
 from ground.console.event_log import Filter, events_page
 from ground.console.link import Link, Sending
@@ -203,6 +203,7 @@ class ConsoleApp(Ordering):
             lambda: pages.parameters_page(self.operator, self.chosen, rows),
             lambda: events_page((self._frozen or self.state).events, self.filter, self.chosen, rows),
             lambda: timing_page(self.state, now_s, rows),
+            lambda: gnss.page(self.state.gnss, panels.stale_mark(now_s, self.state.gnss_s)),
             lambda: crosslink_page(self.state, now_s),
         )
         widget.border_title = pages.PAGES[self.page]

@@ -49,16 +49,17 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         help="a field of the table, for example degree=70 or area_to_mass_m2pkg=0.002; may be repeated",
     )
 
-    crosslink = actions.add_parser("build-crosslink", help="make a table of the inter-satellite monitor from a set")
-    crosslink.add_argument("set", metavar="SET", nargs="?", default="crosslink", help="a shipped set, or a .toml file")
-    crosslink.add_argument("--out", metavar="TABLE", required=True, help="binary table to write")
-    crosslink.add_argument(
+    function = actions.add_parser("build-function", help="make the table of a function beside navigation")
+    function.add_argument("kind", metavar="KIND", help="kind of table, for example gnss")
+    function.add_argument("set", metavar="SET", help="name of a shipped set of that kind, or a .toml file")
+    function.add_argument("--out", metavar="FILE", required=True, help="binary table to write")
+    function.add_argument(
         "--set",
         dest="settings",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="a field of the table, for example own=3 or p_false_alarm=1e-8; may be repeated",
+        help="override a key of the set, for example alpha=1e-3; may be repeated",
     )
 
     show = actions.add_parser("show", help="print a binary table")
@@ -100,12 +101,11 @@ def run(args: argparse.Namespace) -> int:
         return _write(Path(args.out), build_gravity_field(args.file, args.degree))
     if args.action == "build-forces":
         return _build_forces(args)
-    if args.action == "build-crosslink":
+    if args.action == "build-function":
         from ground.tables.build import parse_setting
-        from ground.tables.crosslink import build_crosslink
+        from ground.tables.function_sets import build_function
 
-        settings = dict(parse_setting(text) for text in args.settings)
-        return _write(Path(args.out), build_crosslink(args.set, settings))
+        return _write(Path(args.out), build_function(args.kind, args.set, dict(map(parse_setting, args.settings))))
     if args.action == "show":
         from ground.tables.show import read_table, render
 

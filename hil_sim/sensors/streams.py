@@ -27,6 +27,7 @@ class Streams(NamedTuple):
     periodic_error: np.random.Generator
     attitude: np.random.Generator
     crosslinks: np.random.Generator
+    pseudoranges: np.random.Generator
 
 
 def open_streams(seed: int) -> Streams:

@@ -163,6 +163,8 @@ def test_both_halves_of_a_fix_have_their_own_protection() -> None:
         ("fix_type", enums.FixType),
         ("status", enums.SyncStatus),
         ("frame", enums.BurnFrame),
+        ("constellation", enums.Constellation),
+        ("gnss_verdict", enums.GnssVerdict),
         ("command", enums.NavCommand),
         ("target", enums.MeasurementType),
         ("value", enums.EditMode),

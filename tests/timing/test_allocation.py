@@ -67,7 +67,7 @@ def test_ticks_with_crosslinks_net_no_blocks(tmp_path) -> None:
         fly(flight, 1000)
         gc.collect()
         left = sys.getallocatedblocks() - before
-    assert abs(left) <= SPARE_BLOCKS
+    assert abs(left) <= BUDGET["spare_blocks"]
 
 
 def test_the_collector_has_nothing_to_collect(tmp_path) -> None:

@@ -13,19 +13,10 @@ from hypothesis import strategies as st
 
 from flightsw.icd import mavlink
 from flightsw.icd.enums import FlagState, Governing, Mode, RejectCause, Verdict
-from ground.console.model import (
-    MAX_EVENTS,
-    MAX_HISTORY,
-    State,
-    TimeToFlag,
-    active_alerts,
-    age_s,
-    alert_text,
-    cause_name,
-    reduce,
-)
+from ground.console.model import MAX_EVENTS, MAX_HISTORY, State, active_alerts, age_s, alert_text, cause_name, reduce
 from ground.console.panels import time_left
 from ground.console.text import gps_stamp, metres, safe, seconds
+from ground.console.told import TimeToFlag
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, judge
 
 START = State(started_s=0.0)
@@ -191,7 +182,7 @@ def test_the_sequence_may_wrap_and_may_start_again() -> None:
 def test_an_unknown_alert_stays_visible() -> None:
     assert "unknown alert 4711" in alert_text(4711, 1, math.nan)
     assert alert_text(4, 0, 0.0).startswith("ended: GNSS lost")
-    assert active_alerts(1 << 1 | 1 << 31) == ["FLAG_RAISED", "ALERT_31"]
+    assert active_alerts(1 << 1 | 1 << 32 | 1 << 60) == ["FLAG_RAISED", "GNSS_INCONSISTENT", "ALERT_60"]
     assert cause_name(RejectCause.GATE) == "GATE"
     assert cause_name(99) == "CAUSE_99"
 

@@ -16,7 +16,7 @@ from flightsw.icd.can_frames import CROSSLINK_EPHEMERIS, CROSSLINK_RANGES
 from flightsw.icd.enums import REJECT_CAUSES, RejectCause
 from flightsw.icd.table_file import decode
 from flightsw.sensing.crosslink_assembly import CrosslinkAssembly
-from ground.tables.crosslink import build_crosslink
+from ground.tables.function_sets import build_function
 
 T_NS = 1_230_000_000_000_000_000
 S = 1_000_000_000
@@ -39,7 +39,7 @@ class Bench:
     def __init__(self, **settings: float) -> None:
         self.rejected = [0] * REJECT_CAUSES
         self.now_ns = 0
-        table = decode(build_crosslink(overrides={"satellites": 8, **settings}))
+        table = decode(build_function("crosslink", "crosslink", overrides={"satellites": 8, **settings}))
         self.assembly = CrosslinkAssembly(table.values, self.rejected, lambda: self.now_ns)
         self.epoch = np.zeros(1, EPOCH)
         self._counter = count()

@@ -46,6 +46,7 @@ OWN_IDS = {
     61410: "LEONAV_STATE_UPLOAD",
     61411: "LEONAV_STATE_RESULT",
     61416: "LEONAV_CROSSLINK",
+    61412: "LEONAV_GNSS_CHECK",
 }
 _EXTREMES = {
     "uint8_t": 255,
@@ -134,6 +135,7 @@ def test_own_message_survives_the_wire(name: str) -> None:
         ("LEONAV_DRIVER", enums.BoundDriver),
         ("LEONAV_DA_SOURCE", enums.DaSource),
         ("LEONAV_CERTIFICATE", enums.Certificate),
+        ("LEONAV_GNSS_VERDICT", enums.GnssVerdict),
         ("LEONAV_REJECT_CAUSE", enums.RejectCause),
         ("LEONAV_ALERT_ID", AlertId),
         ("LEONAV_LINK_REFUSAL", Refusal),

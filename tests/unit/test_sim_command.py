@@ -9,6 +9,7 @@ import pytest
 from hil_sim import scenario
 from hil_sim.__main__ import main
 from hil_sim.fault_kinds import KINDS
+from hil_sim.pseudorange_schema import KINDS as SATELLITE_KINDS
 
 
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
@@ -18,7 +19,9 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
         *(
             "burn_in_outage",
             "demo",
+            "gnss_faults",
             "graceb_gaps",
+            "graceb_pseudoranges",
             "graceb_real",
             "gracefo_outage",
             "j2_outage",
@@ -39,6 +42,8 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
         [
             *("attitude.sigma_rad=0.1", "fault.0.kind=nan", "fault.0.start_s=1"),
             *("command.0.at_s=1", "command.0.command=reset_filter"),
+            *("pseudoranges.rate_hz=1.0", 'flight.gnss_set="gnss"'),
+            *("satellite_fault.0.kind=nan", "satellite_fault.0.start_s=1", "satellite_fault.0.duration_s=1"),
         ],
     )
     assert set(explained) == {re.sub(r"\.\d+\.", ".N.", key) for key in every.origin}
@@ -47,7 +52,7 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
         assert re.search("[a-z]{3}", meaning), key
     assert explained["burn.N.dv_mps"].split()[1] == "required"
     assert explained["gnss.antenna_offset_m"].split("  ")[-1].strip().startswith("body axes")
-    assert [kind for kind in KINDS if f"  {kind} " not in kinds] == []
+    assert [kind for kind in (*KINDS, *SATELLITE_KINDS) if f"  {kind} " not in kinds] == []
 
 
 def test_show_tells_the_origin(capsys: pytest.CaptureFixture[str]) -> None:

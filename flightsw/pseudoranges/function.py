@@ -1,0 +1,190 @@
+"""Pseudoranges before the filter: assemble an epoch, place its satellites, test, exclude, protect, offer the fix.
+
+One epoch a second or so; a tick without one does nothing. The fix goes to navigation as that of a receiver which gives
+positions only: its gate judges it as any other. See docs/adr/0019-pseudoranges-before-the-filter.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flightsw.gnss.epoch import gnss_epoch
+from flightsw.gnss.records import CONSTELLATIONS, SATELLITES, Row, Verdict
+from flightsw.gnss.satellites import place_satellites
+from flightsw.gnss.setup import Memory
+from flightsw.gnss.solution import LIGHT_MPS
+from flightsw.icd import mavlink
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.can_frames import GNSS_EPHEMERIS, GNSS_EPOCH, GNSS_RANGES
+from flightsw.icd.enums import FlagState, Validity
+from flightsw.icd.table_file import TableImage
+from flightsw.pseudoranges.assembly import RawAssembly
+from flightsw.pseudoranges.judged import Judged
+from flightsw.pseudoranges.latch import Latch
+from flightsw.pseudoranges.settings import settings_of
+from flightsw.pseudoranges.telling import Teller
+from flightsw.services import Services
+
+_BEGINNING = int(Validity.STATE_VALID) | int(Validity.TIME_VALID)
+_UNTESTED, _EXCLUDED = int(Verdict.UNTESTED), int(Verdict.EXCLUDED)
+_AMBIGUOUS, _INCONSISTENT = int(Verdict.AMBIGUOUS), int(Verdict.INCONSISTENT)
+_USED, _LEFT_OUT = int(Row.USED), int(Row.EXCLUDED)
+_CLEAR = int(FlagState.CLEAR)
+# Earth rotation angle at the GPS epoch and its rate (IERS Conventions 2010, eq. 5.15). UT1 is taken for GPS time, the
+# pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin from.
+_ERA_0 = 2.0 * math.pi * (0.7790572732640 + 1.00273781191135448 * (2_444_244.5 - 2_451_545.0))
+_ERA_RATE = 2.0 * math.pi * 1.00273781191135448 / 86_400.0
+
+
+class PseudorangeFunction:
+    """The function of a table of kind `gnss`."""
+
+    name = "pseudoranges"
+    budget_us = 2000.0
+
+    def __init__(self, table: TableImage, services: Services) -> None:
+        record = table.values[0]
+        settings = settings_of(record)
+        self._services = services
+        self._memory = Memory(settings)
+        self._arguments = self._memory.arguments()
+        self._rejected = services.receiver.rejected
+        self._raw = RawAssembly(self._rejected, float(record["latency_max_s"]))
+        self._raws = [self._raw.raws[k : k + 1] for k in range(len(self._raw.raws))]
+        self._protects = settings.protect
+        self._offer_untested = bool(record["offer_untested"])
+        self._hold_beyond = bool(record["hold_beyond_limit"])
+        self._floor_m = float(record["sigma_floor_m"])
+        after, until = int(record["raise_epochs"]), int(record["clear_epochs"])
+        self._latches = {
+            1 << int(alert): Latch(after, until)
+            for alert in (
+                *(AlertId.GNSS_EXCLUDED, AlertId.GNSS_INCONSISTENT),
+                *(AlertId.GNSS_PROTECTION, AlertId.GNSS_UNTESTED),
+            )
+        }
+        self._of = tuple(self._latches.values())
+        self.conditions = self.happened = 0
+        self.judged = Judged()
+        self.epochs = self.offered = 0
+        self._teller = Teller(services.publisher, services.link, settings.alert_limit_m)
+        services.receiver.listen(GNSS_RANGES, self._raw.take_ranges)
+        services.receiver.listen(GNSS_EPHEMERIS, self._raw.take_ephemeris)
+        services.receiver.listen(GNSS_EPOCH, self._take_epoch)
+        services.downlink.add(mavlink.MAVLINK_MSG_ID_LEONAV_GNSS_CHECK, "status", self._tell)
+
+    def _take_epoch(self, frame: bytearray) -> None:
+        self._raw.take_epoch(frame, self._services.counter_ns())
+
+    def run(self) -> None:
+        """Judge the epochs that this tick has completed."""
+        raw = self._raw
+        for index in range(raw.count):
+            self._judge(index)
+        raw.clear()
+
+    def _judge(self, index: int) -> None:
+        memory = self._memory
+        place_satellites(memory.table, self._raws[index], self._raw.ephemerides, memory.epoch)
+        self._start_from_prediction()
+        gnss_epoch(*self._arguments)
+        result = memory.result[0]
+        verdict = int(result["verdict"])
+        used, excluded, refused = self._name_rows()
+        offered = self._offer(verdict, int(result["available"]), index, sum(mask.bit_count() for mask in used))
+        raw = self._raw.raws[index]
+        self.judged = Judged(
+            int(raw["t_gps_ns"]),
+            int(raw["t_counter_ns"]),
+            verdict,
+            used,
+            excluded,
+            refused,
+            int(result["dof"]),
+            float(result["statistic"]),
+            float(result["threshold"]),
+            tuple(result["protection_m"].tolist()),
+            tuple(result["sigma_m"].tolist()),
+            int(result["available"]),
+            offered,
+        )
+        self.epochs += 1
+        self.offered += offered
+        self._note(verdict, int(result["available"]))
+        self._teller.publish(self._services.unix_ns(), self.judged)
+
+    def _start_from_prediction(self) -> None:
+        """Begin from the predicted position while it is trusted: few steps, and the right one of two solutions."""
+        services, epoch = self._services, self._memory.epoch
+        out, at = services.reading(), services.places
+        trusted = int(out[at["validity"]]) & _BEGINNING == _BEGINNING and int(out[at["flag"]]) == _CLEAR
+        epoch["start_known"] = 1 if trusted else 0
+        if trusted:
+            angle = _ERA_0 + _ERA_RATE * (out[at["t_gps_ns"]] * 1e-9)
+            c, s = math.cos(angle), math.sin(angle)
+            place = at["r_gcrf_m"]
+            x, y, z = out[place : place + 3]
+            epoch["start_m"] = (c * x + s * y, c * y - s * x, z)
+
+    def _name_rows(self) -> tuple[tuple[int, ...], tuple[int, ...], int]:
+        """Masks of the satellites used and left out, and how many rows never came to the test."""
+        epoch, result = self._memory.epoch[0], self._memory.result[0]
+        used, excluded, refused = [0] * CONSTELLATIONS, [0] * CONSTELLATIONS, 0
+        count = min(int(epoch["count"]), SATELLITES)
+        states = result["row_state"].tolist()[:count]
+        if int(result["verdict"]) > _INCONSISTENT:  # no solution: nothing was used
+            return tuple(used), tuple(excluded), sum(state > _LEFT_OUT for state in states)
+        systems, numbers = epoch["constellation"].tolist(), epoch["satellite"].tolist()
+        for state, system, number in zip(states, systems, numbers, strict=False):
+            if state == _USED:
+                used[system] |= 1 << number - 1
+            elif state == _LEFT_OUT:
+                excluded[system] |= 1 << number - 1
+            else:
+                refused += 1
+        return tuple(used), tuple(excluded), refused
+
+    def _offer(self, verdict: int, available: int, index: int, satellites: int) -> int:
+        """Hand the fix to navigation if it may be; 1 or 0.
+
+        A level beyond the alert limit does not hold it back unless the table says so: sigma says how good the fix is
+        when nothing is wrong, the gate and the bound work with that, and a poor geometry would become an outage.
+        """
+        if not (verdict <= _EXCLUDED or (verdict == _UNTESTED and self._offer_untested)):
+            return 0
+        if self._hold_beyond and self._protects and not available:
+            return 0
+        result, raw = self._memory.result[0], self._raw.raws[index]
+        clock_m = next((value for value in result["clock_m"].tolist() if math.isfinite(value)), math.nan)
+        late_ns = clock_m / LIGHT_MPS * 1e9
+        if not abs(late_ns) < 1e12:
+            return 0
+        covariance = result["covariance_m2"]
+        sigma = [max(math.sqrt(float(covariance[a, a])), self._floor_m) for a in range(3)]
+        self._services.assembly.put_position(
+            int(raw["t_gps_ns"]) - round(late_ns), int(raw["t_counter_ns"]), result["r_m"].tolist(), sigma, satellites
+        )
+        return 1
+
+    def _note(self, verdict: int, available: int) -> None:
+        solved = verdict <= _UNTESTED
+        excluded, inconsistent, protection, untested = self._of
+        excluded.note(verdict in (_EXCLUDED, _AMBIGUOUS))
+        inconsistent.note(verdict in (_AMBIGUOUS, _INCONSISTENT))
+        protection.note(self._protects and solved and not available)
+        untested.note(verdict >= _UNTESTED and verdict != _INCONSISTENT)
+        self.conditions = 0
+        for bit, latch in self._latches.items():
+            if latch.holds:
+                self.conditions |= bit
+
+    def _tell(self) -> None:
+        judged = self.judged
+        known = judged.verdict != Verdict.NO_EPOCH
+        age_s = (self._services.counter_ns() - judged.t_counter_ns) * 1e-9 if known else math.nan
+        self._teller.tell(judged, age_s, self.epochs, self.offered)
+
+
+def make(table: TableImage, services: Services) -> PseudorangeFunction:
+    """The function that flies this table."""
+    return PseudorangeFunction(table, services)

@@ -1,0 +1,111 @@
+"""GRACE-B's own pseudoranges on the bus: solved, tested and cleaned by flight, beside the fixes of the world."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from gnss_bench import checks, satellites
+from harness import Flight, load
+
+from flightsw.icd.enums import GnssVerdict, Mode
+from hil_sim.gnss.recording import solve_recording
+from hil_sim.sensors.attitude import Pointing
+from hil_sim.truth.earth_rotation import EarthOrientation
+
+pytestmark = pytest.mark.real_data
+
+DURATION_S = 1800
+FOLDER = "leo_grace"
+OBSERVATIONS = "GRCB2080_00h-12h.10o.gz"
+ORBITS = tuple(f"COD1594{day}.EPH.sp3.gz" for day in (1, 2, 3))
+ANTENNA_M = (0.0, 0.0, -0.4)
+FAULT = 'satellite_fault=[{kind="step", constellation="gps", count=1, start_s=900.0, duration_s=300.0, value=25.0}]'
+
+
+class Flown(NamedTuple):
+    """A flight, and the fixes that navigation was told: times (n,), error against the precise orbit (n,) [m]."""
+
+    flight: Flight
+    t_gps_ns: np.ndarray
+    error_m: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def folder(real_data: Path) -> Path:
+    lacking = [name for name in (OBSERVATIONS, *ORBITS) if not (real_data / FOLDER / name).is_file()]
+    if lacking:
+        pytest.skip(f"{', '.join(lacking)} not among the real data")
+    return real_data / FOLDER
+
+
+@cache
+def fly(*settings: str) -> Flown:
+    times, places = [], []
+    with Flight(load(f"time.duration_s={DURATION_S}", *settings, name="graceb_pseudoranges")) as flight:
+        while flight.k < flight.world.n_ticks:
+            flight.tick()
+            if flight.out["fix_seen"][0]:
+                times.append(int(flight.loop.fix_input["fix_gps_ns"][0]))
+                places.append(flight.loop.fix_input["fix_r_itrf_m"][0].copy())
+    t = np.array(times)
+    return Flown(flight, t, error_of(flight, t, np.array(places)))
+
+
+def error_of(flight: Flight, t: np.ndarray, r_itrf_m: np.ndarray) -> np.ndarray:
+    """Distance (n,) [m] from the antenna of the precise orbit."""
+    truth = flight.world.truth
+    orientation = EarthOrientation(int(t[0]), int(t[-1]), None)
+    found, _ = orientation.to_gcrf(t, r_itrf_m, np.zeros_like(r_itrf_m))
+    antenna = truth.state_gcrf(t)[0] + Pointing().lever(truth, t, np.array(ANTENNA_M))[0]
+    return np.linalg.norm(found - antenna, axis=1)
+
+
+def test_flights_own_fixes_are_as_good_as_the_worlds(folder: Path) -> None:
+    """GIVEN half an hour of recorded ranges THEN flight's fixes err by 1.3 m at most in the median (3-D, against CODE's
+    orbit), and by no more than a twentieth above the world's own solution of the same epochs.
+    """
+    found = fly()
+    assert len(found.t_gps_ns) >= 170
+    assert np.median(found.error_m) <= 1.3
+    world = solve_recording(folder / OBSERVATIONS, [folder / name for name in ORBITS], True)
+    same = np.isin((world.t_gps_ns + 500_000) // 1_000_000, (found.t_gps_ns + 500_000) // 1_000_000)
+    assert same.sum() >= 165
+    theirs = error_of(found.flight, world.t_gps_ns[same], world.r_itrf_m[same])
+    assert np.median(found.error_m) <= 1.05 * np.median(theirs)
+    assert found.flight.out["mode"][0] == Mode.INTEGRATED
+
+
+def test_satellites_without_a_clock_never_come_to_the_test(folder: Path) -> None:
+    """GIVEN satellites whose clock the precise files lack THEN they are refused before the test, and no epoch that has
+    enough others is lost for it.
+    """
+    found = fly()
+    judged = checks(found.flight)
+    raw = found.flight.world.raw
+    assert raw is not None
+    seen = raw.seen.sum(axis=1)[: len(judged)]
+    assert (judged["used"] + judged["excluded"] + judged["refused"] == seen).all()
+    solid = judged[seen - judged["refused"] >= 6]
+    assert np.isin(solid["gnss_verdict"], (GnssVerdict.CONSISTENT, GnssVerdict.EXCLUDED)).mean() >= 0.97
+
+
+def test_a_fault_on_real_ranges_is_named_and_does_no_harm(folder: Path) -> None:
+    """GIVEN 25 m on the highest satellite for five minutes THEN it is left out in nine of ten epochs that can tell, and
+    the fixes stay as good.
+    """
+    clean, faulty = fly(), fly(FAULT)
+    raw, good = faulty.flight.world.raw, clean.flight.world.raw
+    assert raw is not None
+    assert good is not None
+    apart = raw.range_m - good.range_m
+    (struck,) = np.flatnonzero(apart.any(axis=0))
+    during = np.flatnonzero(apart[:, struck] != 0.0)
+    out = satellites(faulty.flight)
+    there = [k for k in during if raw.seen[k, struck] and k < len(out)]
+    assert len(there) >= 10
+    assert sum(f"G{struck + 1}" in out[k] for k in there) >= 0.9 * len(there)
+    assert np.percentile(faulty.error_m, 95) <= np.percentile(clean.error_m, 95) + 0.5
