@@ -30,6 +30,7 @@ _UNTESTED, _EXCLUDED = int(Verdict.UNTESTED), int(Verdict.EXCLUDED)
 _AMBIGUOUS, _INCONSISTENT = int(Verdict.AMBIGUOUS), int(Verdict.INCONSISTENT)
 _USED, _LEFT_OUT = int(Row.USED), int(Row.EXCLUDED)
 _CLEAR = int(FlagState.CLEAR)
+_LATEST_NS = 1 << 62  # beyond it no int64 holds the time less the clock's error
 # Earth rotation angle at the GPS epoch and its rate (IERS Conventions 2010, eq. 5.15). UT1 is taken for GPS time, the
 # pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin from.
 _ERA_0 = 2.0 * math.pi * (0.7790572732640 + 1.00273781191135448 * (2_444_244.5 - 2_451_545.0))
@@ -157,12 +158,13 @@ class PseudorangeFunction:
         result, raw = self._memory.result[0], self._raw.raws[index]
         clock_m = next((value for value in result["clock_m"].tolist() if math.isfinite(value)), math.nan)
         late_ns = clock_m / LIGHT_MPS * 1e9
-        if not abs(late_ns) < 1e12:
+        t_gps_ns = int(raw["t_gps_ns"])
+        if not abs(late_ns) < 1e12 or abs(t_gps_ns) > _LATEST_NS:
             return 0
         covariance = result["covariance_m2"]
         sigma = [max(math.sqrt(float(covariance[a, a])), self._floor_m) for a in range(3)]
         self._services.assembly.put_position(
-            int(raw["t_gps_ns"]) - round(late_ns), int(raw["t_counter_ns"]), result["r_m"].tolist(), sigma, satellites
+            t_gps_ns - round(late_ns), int(raw["t_counter_ns"]), result["r_m"].tolist(), sigma, satellites
         )
         return 1
 
