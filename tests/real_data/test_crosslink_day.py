@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import Flight, Telemetry
 
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.can_frames import CROSSLINK_STATUS
 from ground.crosslink import real_day
+from hil_sim import scenario
 from hil_sim.truth.constellation.glonass_day import GlonassDay
 
 pytestmark = pytest.mark.real_data
@@ -50,3 +54,21 @@ def test_the_network_monitor_finds_r03_and_nobody_else(day: GlonassDay) -> None:
     assert one["healthy"]
     assert 19.0 < one["size_m"] < 22.0
     assert (found["rank"], found["parameters"]) == (65, 72)
+
+
+@pytest.mark.slow
+def test_r03_is_excluded_in_the_loop_and_nobody_else(repo_data_dir: Path) -> None:
+    """GIVEN real messages of 02:45 to 03:00 as frames on the bus WHEN flight judges them as R04 THEN it excludes R03,
+    which is wrong by 22 m and calls itself healthy, and nobody else; its alert is out within 2 s of that epoch."""
+    if not (repo_data_dir / real_day.PRECISE).is_file():
+        pytest.skip(f"no {real_day.PRECISE} in the shared real data")
+    sink = Telemetry()
+    with Flight(scenario.load("crosslink_glonass"), sink=sink) as flight:
+        flight.fly()
+    told = [m for m in flight.published if m[1] == CROSSLINK_STATUS.frame_id]
+    records = np.frombuffer(b"".join(payload for _, _, payload in told), CROSSLINK_STATUS.dtype)
+    assert len(records) == 900
+    assert set(records["faulty"].tolist()) == {0, 1 << 2}
+    first = records[np.flatnonzero(records["faulty"])[0]]
+    (alert, *_) = [m for m in sink.of("LEONAV_ALERT") if m.alert_id == AlertId.CROSSLINK_NEIGHBOUR_FAULTY]
+    assert 0 < alert.t_gps_ns - int(first["t_gps_ns"]) <= 2_000_000_000

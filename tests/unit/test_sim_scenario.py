@@ -8,7 +8,7 @@ from hil_sim import scenario
 from hil_sim.errors import DataError, ScenarioError
 
 SHIPPED = (
-    *("burn_in_outage", "crosslink_jump", "crosslink_ramp", "demo", "gnss_faults", "graceb_gaps"),
+    *("burn_in_outage", "crosslink_glonass", "crosslink_jump", "crosslink_ramp", "demo", "gnss_faults", "graceb_gaps"),
     *("graceb_pseudoranges", "graceb_real", "gracefo_outage", "j2_outage"),
     *("nominal", "paper_outage"),
     *("sentinel3a_outage", "two_orbits", "unannounced_burn"),
