@@ -142,3 +142,18 @@ def test_a_fault_on_real_ranges_is_named_and_does_no_harm(folder: Path) -> None:
     assert len(there) >= 10
     assert sum(f"G{struck + 1}" in out[k] for k in there) >= 0.9 * len(there)
     assert np.percentile(faulty.error_m, 95) <= np.percentile(clean.error_m, 95) + 0.5
+
+
+def test_gps_of_precise_orbits_is_a_sky_like_any(folder: Path) -> None:
+    """GIVEN a simulated receiver of 1 m under the GPS satellites of SP3 files THEN its epochs agree, and the state errs
+    by what one constellation of 1 m allows.
+    """
+    orbits = ", ".join(f'"{FOLDER}/{name}"' for name in ORBITS)
+    sky = (f"pseudoranges.orbits=[{orbits}]", "pseudoranges.constellations=[]", "satellite_fault=[]")
+    when = 'time.start="2010-07-27T03:00:00"'
+    with Flight(load("time.duration_s=200", when, *sky, name="gnss_faults")) as flight:
+        flight.fly()
+    judged = checks(flight)
+    assert len(judged) == 199
+    assert (judged["gnss_verdict"] == GnssVerdict.CONSISTENT).mean() >= 0.97
+    assert flight.error_m()[flight.seconds > 150.0].max() <= 2.0
