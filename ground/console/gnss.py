@@ -48,8 +48,10 @@ class GnssCheck(NamedTuple):
 
 def of_message(message: Any) -> GnssCheck:
     """The message as a value."""
-    values: list[Any] = [getattr(message, name) for name in GnssCheck._fields]
-    return GnssCheck._make(tuple(value) if isinstance(value, (list, tuple)) else value for value in values)
+    values: dict[str, Any] = {name: getattr(message, name) for name in GnssCheck._fields}
+    for name in ("used", "excluded", "protection_m", "limit_m", "sigma_m"):
+        values[name] = tuple(values[name])
+    return GnssCheck(**values)
 
 
 def verdict_word(verdict: int) -> str:

@@ -102,7 +102,9 @@ def keys(page: int, commands: bool, live: bool) -> Text:
     """The bottom line: pages, the one that is shown marked, and the keys that do something here."""
     text = Text()
     for number, name in enumerate(PAGE_NAMES, 1):
-        text.append(f"{number} {SHORT_NAMES.get(name, name)}", style="bold reverse" if number - 1 == page else "bold")
+        text.append(
+            f"{number % 10} {SHORT_NAMES.get(name, name)}", style="bold reverse" if number - 1 == page else "bold"
+        )
         text.append(" ")
     text.append(" ? help", style="bold")
     text.append(" a ack o orders" if commands else " q quit", style="bold")

@@ -61,7 +61,7 @@ class ConsoleApp(Ordering):
         ("q", "quit", "quit"),
         ("question_mark", "help", "help"),
         ("p", "pause", "pause"),
-        *((str(number), f"page({number - 1})", name) for number, name in enumerate(pages.PAGES, 1)),
+        *((str(number % 10), f"page({number - 1})", name) for number, name in enumerate(pages.PAGES, 1)),
         Binding("tab", "page(-1)", "next page", priority=True),
         ("up", "choose(-1)", "choose"),
         ("down", "choose(1)", "choose"),

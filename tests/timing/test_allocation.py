@@ -37,7 +37,11 @@ SETTINGS = {
             fault("position_step", 1000, 200, value=9e4),
         ),
     ),
+    "pseudoranges with faults": (
+        'satellite_fault=[{kind="step", constellation="gps", count=2, start_s=900.0, duration_s=300.0, value=30.0}]',
+    ),
 }
+SCENARIOS = {"pseudoranges with faults": "gnss_faults"}  # the others: two_orbits
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -45,7 +49,8 @@ def test_ten_thousand_ticks_net_no_blocks(name: str, tmp_path) -> None:
     """GIVEN a warm flight with its journal on WHEN it ticks 10,000 times through bus, codec, step and telemetry THEN
     sys.getallocatedblocks is what it was, within a handful: nothing grows by the tick or by the frame.
     """
-    with Flight(load("time.duration_s=1310", *SETTINGS[name]), tmp_path) as flight:
+    scenario = SCENARIOS.get(name, "two_orbits")
+    with Flight(load("time.duration_s=1310", *SETTINGS[name], name=scenario), tmp_path) as flight:
         fly(flight, WARM_TICKS)
         gc.collect()
         before = sys.getallocatedblocks()

@@ -94,19 +94,19 @@ def test_numbers_that_this_console_does_not_know_stay_visible() -> None:
 
 
 def test_the_page_is_turned_to_by_its_key() -> None:
-    """GIVEN a message that names satellite 9 WHEN key 9 is pressed THEN the screen shows it; the keys fit."""
+    """GIVEN a message that names satellite 9 WHEN key 0, of the tenth page, is pressed THEN the screen shows it; the keys fit."""
     link = ScriptedLink()
 
     async def script(pilot: Any, app: ConsoleApp) -> None:
         link.time_s = 5.0
         link.say(message(faulty=1 << 8, own_state=CrosslinkState.FAULT))
         app.step()
-        await pilot.press("9")
+        await pilot.press("0")
         await pilot.pause()
         text = screen_text(app)
         assert "excluded      satellite 9" in text
         assert "own message   WRONG: DO NOT USE" in text
-        assert "9 xlink" in text.splitlines()[-1]
+        assert "0 xlink" in text.splitlines()[-1]
         assert "? help q quit" in text.splitlines()[-1]
 
     drive(link, script)
