@@ -36,6 +36,7 @@ from ground.tables.build import build_navigation
 from ground.tables.certified import build_certified
 from ground.tables.earth_orientation import build_earth_orientation
 from ground.tables.forces import build_force_tables
+from ground.tables.functions import build_function
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
@@ -145,6 +146,8 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
     else:
         navigation_image, _ = build_certified(flight.table_set)  # what it lacks flight says itself: UNCERTIFIED
     (folder / app.NAVIGATION_FILE).write_bytes(navigation_image)
+    for kind in flight.functions:
+        (folder / f"{kind}.tbl").write_bytes(build_function(kind))
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(
         build_earth_orientation(start_ns - _MARGIN_NS, stop_ns + _MARGIN_NS, finals)
     )

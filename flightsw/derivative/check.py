@@ -16,32 +16,39 @@ from flightsw.derivative.declare import ROOM, entry, kernel
 from flightsw.derivative.records import AXES, CHECK, CHECK_TABLE
 from flightsw.kernels.registry import F8, VECTOR, frozen_records, records
 
+_MEAN = 50.0  # fixes that the mean difference remembers
 _MOST = 2.0  # thresholds that the sum is held to, so that a fault that ends is seen to end
 
 
 @kernel
 def _forget_sum(check):
-    check["statistic"], check["bias_count"], check["since_s"] = 0.0, 0.0, check["t_s"]
+    check["statistic"] = 0.0
     for axis in range(AXES):
-        check["sum"][axis] = check["bias_mps"][axis] = 0.0
+        check["sum"][axis] = 0.0
 
 
 @kernel
 def _restart(table, check, t_s, dr_m, sigma_r_m):
     check["fixes"], check["armed"], check["fault"], check["t_s"] = 1, 0, 0, t_s
     _forget_sum(check)
+    check["bias_count"] = 0.0
     check["step"][1] = table["start_sigma_mps"]
     for axis in range(AXES):
         check["difference_mps"][axis] = math.nan
+        check["bias_mps"][axis] = 0.0
         begin(2, 2, dr_m[axis], sigma_r_m[axis] ** 2, check["step"], check["x"][axis], check["P"][axis])
 
 
 @kernel
 def _sum_up(table, check):
     """Crosier's recursion with the step in sigmas."""
+    size = 0.0
+    for axis in range(AXES):
+        size += check["step"][axis] ** 2
+    share = min(1.0, table["step_max"] / math.sqrt(max(size, 1e-300)))
     length = 0.0
     for axis in range(AXES):
-        check["sum"][axis] += check["step"][axis]
+        check["sum"][axis] += share * check["step"][axis]
         length += check["sum"][axis] ** 2
     length = math.sqrt(length)
     if length <= table["reference"]:
@@ -51,9 +58,6 @@ def _sum_up(table, check):
     for axis in range(AXES):
         check["sum"][axis] *= left / length
     check["statistic"] = left
-    check["bias_count"] += 1.0
-    for axis in range(AXES):
-        check["bias_mps"][axis] += (check["difference_mps"][axis] - check["bias_mps"][axis]) / check["bias_count"]
 
 
 @kernel
@@ -88,6 +92,9 @@ def take_fix(table, check, t_s, dr_m, dv_mps, sigma_r_m, sigma_v_mps):
     check["armed"] = armed
     if armed == 0:
         return check["fault"]
+    check["bias_count"] = min(check["bias_count"] + 1.0, _MEAN)
+    for axis in range(AXES):
+        check["bias_mps"][axis] += (check["difference_mps"][axis] - check["bias_mps"][axis]) / check["bias_count"]
     _sum_up(table, check)
     if check["fault"] == 0 and check["statistic"] > table["threshold"]:
         check["fault"] = 1

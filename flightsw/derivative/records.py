@@ -146,6 +146,7 @@ CHECK_TABLE = np.dtype(
         ("reference", "f8"),  # sigmas that a bias must have to be summed up: half of the one sought
         ("threshold", "f8"),
         ("clear", "f8"),  # below which a fault is over
+        ("step_max", "f8"),  # sigmas that one fix can add: a spike is no bias
         ("gap_s", "f8"),  # longer gaps begin anew
     ],
     align=True,
@@ -158,13 +159,12 @@ CHECK = np.dtype(
         ("fault", "i8"),  # latched until the sum is below `clear`
         ("alarms", "i8"),
         ("t_s", "f8"),
-        ("since_s", "f8"),  # when the sum last was zero
         ("x", "f8", (AXES, 2)),  # offset [m] and derivative [m/s] of the positions, less the orbit
         ("P", "f8", (AXES, 2, 2)),
         ("difference_mps", "f8", (AXES,)),  # velocity less derivative, of the last fix
         ("sum", "f8", (AXES,)),  # in sigmas
         ("statistic", "f8"),  # its length
-        ("bias_mps", "f8", (AXES,)),  # mean difference since the sum was zero
+        ("bias_mps", "f8", (AXES,)),  # mean difference over the last fixes
         ("bias_count", "f8"),
         ("step", "f8", (AXES,)),
         ("phi", "f8", (2, 2)),

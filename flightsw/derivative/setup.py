@@ -210,6 +210,7 @@ class CheckSettings:
     reference: float = 0.3
     threshold: float = 30.1
     clear: float = 8.0
+    step_max: float = 5.0
     gap_s: float = 60.0
 
 

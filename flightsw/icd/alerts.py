@@ -56,6 +56,7 @@ class AlertId(IntEnum):
     LINK_REFUSED = 28
     STATE_UPLOADED = 29
     UPLOAD_REFUSED = 30
+    RECEIVER_VELOCITY_FAULT = 34
 
 
 class Alert(NamedTuple):
@@ -98,6 +99,7 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.LINK_REFUSED, Severity.WARNING, "Commands refused: signature or address wrong"),
         Alert(AlertId.STATE_UPLOADED, Severity.NOTICE, "State from the ground taken: not certified"),
         Alert(AlertId.UPLOAD_REFUSED, Severity.WARNING, "State from the ground refused"),
+        Alert(AlertId.RECEIVER_VELOCITY_FAULT, Severity.ALERT, "Receiver's velocity contradicts its positions"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

@@ -1477,8 +1477,10 @@ LEONAV_ALERT_ID_STATE_UPLOADED = 29
 enums["LEONAV_ALERT_ID"][29] = EnumEntry("LEONAV_ALERT_ID_STATE_UPLOADED", """State from the ground taken: not certified""")
 LEONAV_ALERT_ID_UPLOAD_REFUSED = 30
 enums["LEONAV_ALERT_ID"][30] = EnumEntry("LEONAV_ALERT_ID_UPLOAD_REFUSED", """State from the ground refused""")
-LEONAV_ALERT_ID_ENUM_END = 31
-enums["LEONAV_ALERT_ID"][31] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT = 34
+enums["LEONAV_ALERT_ID"][34] = EnumEntry("LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT", """Receiver's velocity contradicts its positions""")
+LEONAV_ALERT_ID_ENUM_END = 35
+enums["LEONAV_ALERT_ID"][35] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # MAV_CMD
 enums["MAV_CMD"] = Enum()
@@ -1632,6 +1634,7 @@ MAVLINK_MSG_ID_LEONAV_LINK = 61408
 MAVLINK_MSG_ID_LEONAV_TIMING = 61409
 MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
 MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
+MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK = 61421
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3156,6 +3159,53 @@ class MAVLink_leonav_state_result_message(MAVLink_message):
 setattr(MAVLink_leonav_state_result_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_velocity_check_message(MAVLink_message):
+    """
+    A receiver's velocity against the derivative of its own positions,
+    where that function flies.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK
+    msgname = "LEONAV_VELOCITY_CHECK"
+    fieldnames = ["t_gps_ns", "fixes", "alarms", "statistic", "threshold", "bias_mps", "sigma_mps", "armed", "fault"]
+    ordered_fieldnames = ["t_gps_ns", "fixes", "alarms", "statistic", "threshold", "bias_mps", "sigma_mps", "armed", "fault"]
+    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "bias_mps": "m/s", "sigma_mps": "m/s"}
+    native_format = bytearray(b"<qIIffffBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    lengths = [1, 1, 1, 1, 1, 3, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 3, 0, 0, 0]
+    crc_extra = 65
+    unpacker = struct.Struct("<qIIff3ffBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_velocity_check_message.id, MAVLink_leonav_velocity_check_message.msgname)
+        self._fieldnames = MAVLink_leonav_velocity_check_message.fieldnames
+        self._instance_field = MAVLink_leonav_velocity_check_message.instance_field
+        self._instance_offset = MAVLink_leonav_velocity_check_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.fixes = fixes
+        self.alarms = alarms
+        self.statistic = statistic
+        self.threshold = threshold
+        self.bias_mps = bias_mps
+        self.sigma_mps = sigma_mps
+        self.armed = armed
+        self.fault = fault
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.fixes, self.alarms, self.statistic, self.threshold, self.bias_mps[0], self.bias_mps[1], self.bias_mps[2], self.sigma_mps, self.armed, self.fault), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_velocity_check_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3189,6 +3239,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_TIMING: MAVLink_leonav_timing_message,
     MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD: MAVLink_leonav_state_upload_message,
     MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
+    MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK: MAVLink_leonav_velocity_check_message,
 }
 
 
@@ -4772,3 +4823,39 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_state_result_encode(sequence, nis, cause), force_mavlink1=force_mavlink1)
+
+    def leonav_velocity_check_encode(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int) -> MAVLink_leonav_velocity_check_message:
+        """
+        A receiver's velocity against the derivative of its own positions,
+        where that function flies.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 of the last fix looked at. [ns] (type:int64_t)
+        fixes                     : Fixes since the check began. (type:uint32_t)
+        alarms                    : Faults found since start. (type:uint32_t)
+        statistic                 : Length of the sum [sigma]; a fault above the threshold. (type:float)
+        threshold                 : Threshold [sigma]. (type:float)
+        bias_mps                  : Mean of velocity less derivative over the last fixes, time constant 50, GCRF; NaN while nothing is tested. [m/s] (type:float)
+        sigma_mps                 : 1-sigma of the derivative of positions, the largest of the axes. [m/s] (type:float)
+        armed                     : 1: the derivative is good enough to test by. (type:uint8_t)
+        fault                     : 1: a fault is held. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_velocity_check_message(t_gps_ns, fixes, alarms, statistic, threshold, bias_mps, sigma_mps, armed, fault)
+
+    def leonav_velocity_check_send(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int, force_mavlink1: bool = False) -> None:
+        """
+        A receiver's velocity against the derivative of its own positions,
+        where that function flies.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 of the last fix looked at. [ns] (type:int64_t)
+        fixes                     : Fixes since the check began. (type:uint32_t)
+        alarms                    : Faults found since start. (type:uint32_t)
+        statistic                 : Length of the sum [sigma]; a fault above the threshold. (type:float)
+        threshold                 : Threshold [sigma]. (type:float)
+        bias_mps                  : Mean of velocity less derivative over the last fixes, time constant 50, GCRF; NaN while nothing is tested. [m/s] (type:float)
+        sigma_mps                 : 1-sigma of the derivative of positions, the largest of the axes. [m/s] (type:float)
+        armed                     : 1: the derivative is good enough to test by. (type:uint8_t)
+        fault                     : 1: a fault is held. (type:uint8_t)
+
+        """
+        self.send(self.leonav_velocity_check_encode(t_gps_ns, fixes, alarms, statistic, threshold, bias_mps, sigma_mps, armed, fault), force_mavlink1=force_mavlink1)

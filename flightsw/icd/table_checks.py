@@ -12,13 +12,14 @@ from itertools import pairwise
 import numpy as np
 
 from flightsw.icd.table_schema import FORCES, NAVIGATION
+from flightsw.icd.velocity_check_schema import VELOCITY_CHECK
 
 # Grid epochs that flight keeps for late fixes; a test holds it equal to flightsw.records.HISTORY.
 HISTORY_EPOCHS = 12
 # What a receiver needs, beside the wait for the next tick, to compute a fix and send it.
 RECEIVER_MARGIN_S = 0.1
 
-_UNITS = {field.name: field.unit for schema in (NAVIGATION, FORCES) for field in schema.fields}
+_UNITS = {field.name: field.unit for schema in (NAVIGATION, FORCES, VELOCITY_CHECK) for field in schema.fields}
 
 
 def problems(kind: str, values: np.ndarray) -> list[str]:
@@ -99,4 +100,13 @@ def _forces(record: np.void) -> Iterator[str]:
     yield from _ordered(record, "valid_from_gps_ns", "valid_until_gps_ns", strictly=True)
 
 
-_RULES: dict[str, Callable[[np.void], Iterator[str]]] = {NAVIGATION.name: _navigation, FORCES.name: _forces}
+def _velocity_check(record: np.void) -> Iterator[str]:
+    yield from _ordered(record, "clear", "threshold", strictly=True)
+    yield from _ordered(record, "reference", "step_max", strictly=True)
+
+
+_RULES: dict[str, Callable[[np.void], Iterator[str]]] = {
+    NAVIGATION.name: _navigation,
+    FORCES.name: _forces,
+    VELOCITY_CHECK.name: _velocity_check,
+}

@@ -6,10 +6,8 @@ schema it was built with; flight refuses any other. Changing a field here change
 
 from __future__ import annotations
 
-import hashlib
-from typing import NamedTuple
-
-import numpy as np
+from flightsw.icd.table_field import Field, Schema
+from flightsw.icd.velocity_check_schema import VELOCITY_CHECK
 
 MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160
@@ -19,39 +17,6 @@ MAX_GRAVITY_DEGREE = 120
 # C and S of every degree and order up to the largest, C before S, order by order within a degree
 GRAVITY_COEFFICIENTS = (MAX_GRAVITY_DEGREE + 1) * (MAX_GRAVITY_DEGREE + 2)
 MAX_GRADIENT_DEGREE = 20
-
-
-class Field(NamedTuple):
-    """One field of a table: `kind` is a numpy scalar kind ('f8' or 'i8'), `default` None means required."""
-
-    name: str
-    kind: str
-    shape: tuple[int, ...]
-    unit: str
-    minimum: float
-    maximum: float
-    default: float | None
-    why: str
-    group: str = ""  # section of the set file that holds it; not part of the hash
-
-
-class Schema(NamedTuple):
-    """A kind of table: its number in the file, its fields in order."""
-
-    name: str
-    number: int
-    fields: tuple[Field, ...]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """Packed little-endian numpy dtype of the payload."""
-        return np.dtype([(f.name, "<" + f.kind, f.shape) for f in self.fields])
-
-    @property
-    def hash(self) -> int:
-        """First eight bytes of SHA-256 over names, kinds, shapes, units and ranges."""
-        text = "\n".join(f"{f.name} {f.kind} {f.shape} {f.unit} {f.minimum!r} {f.maximum!r}" for f in self.fields)
-        return int.from_bytes(hashlib.sha256(f"{self.name}\n{text}".encode()).digest()[:8], "big")
 
 
 def _real(name: str, unit: str, low: float, high: float, default: float | None, why: str, *shape: int) -> Field:
@@ -394,4 +359,8 @@ FORCES = Schema(
     ),
 )
 
-SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES)}
+# of the functions beside navigation, flightsw/functions.py
+_FUNCTIONS = (VELOCITY_CHECK,)
+SCHEMAS: dict[str, Schema] = {
+    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, *_FUNCTIONS)
+}

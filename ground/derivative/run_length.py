@@ -8,10 +8,11 @@ given |S| = s is (r / s) (phi(r - s) - phi(r + s)); the mean run length solves a
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
-_NODES = 240
+_NODES = 120
 _NEAR = 1e-6
 
 
@@ -23,9 +24,15 @@ def _below(x: np.ndarray) -> np.ndarray:
     return np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in x.ravel()]).reshape(x.shape)
 
 
+@lru_cache(maxsize=1)
+def _rule() -> tuple[np.ndarray, np.ndarray]:
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    return nodes, weights
+
+
 def mean_run_length(reference: float, threshold: float) -> float:
     """Mean number of epochs until a false alarm, from a sum of zero."""
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = _rule()
     x, w = 0.5 * threshold * (nodes + 1.0), 0.5 * threshold * weights
     s = np.concatenate(([0.0], x))
     far = np.maximum(s, _NEAR)[:, None]
@@ -39,13 +46,13 @@ def mean_run_length(reference: float, threshold: float) -> float:
 
 
 def threshold_for(reference: float, epochs: float) -> float:
-    """Threshold whose mean run length is so many epochs, to 1e-6; ValueError for a rate that none has."""
+    """Threshold whose mean run length is so many epochs, to 1e-4; ValueError for a rate that none has."""
     low, high = 1.0, 1.0
     while mean_run_length(reference, high) < epochs:
         high *= 1.5
         if high > 400.0:
             raise ValueError(f"no threshold gives {epochs:g} epochs between alarms at a reference of {reference:g}")
-    while high - low > 1e-6:
+    while high - low > 1e-4:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if mean_run_length(reference, middle) < epochs else (low, middle)
     return high

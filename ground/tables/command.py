@@ -49,6 +49,18 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         help="a field of the table, for example degree=70 or area_to_mass_m2pkg=0.002; may be repeated",
     )
 
+    function = actions.add_parser("build-function", help="make the table with which a function beside navigation flies")
+    function.add_argument("kind", metavar="KIND", help="for example velocity_check")
+    function.add_argument("--out", metavar="TABLE", required=True, help="binary table to write: KIND.tbl in its folder")
+    function.add_argument(
+        "--set",
+        dest="settings",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="a field of the table; may be repeated",
+    )
+
     show = actions.add_parser("show", help="print a binary table")
     show.add_argument("file", metavar="FILE")
 
@@ -88,6 +100,12 @@ def run(args: argparse.Namespace) -> int:
         return _write(Path(args.out), build_gravity_field(args.file, args.degree))
     if args.action == "build-forces":
         return _build_forces(args)
+    if args.action == "build-function":
+        from ground.tables.build import parse_setting
+        from ground.tables.functions import build_function
+
+        settings = dict(parse_setting(text) for text in args.settings)
+        return _write(Path(args.out), build_function(args.kind, settings))
     if args.action == "show":
         from ground.tables.show import read_table, render
 

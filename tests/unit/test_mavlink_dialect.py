@@ -45,6 +45,7 @@ OWN_IDS = {
     61409: "LEONAV_TIMING",
     61410: "LEONAV_STATE_UPLOAD",
     61411: "LEONAV_STATE_RESULT",
+    61421: "LEONAV_VELOCITY_CHECK",
 }
 _EXTREMES = {
     "uint8_t": 255,
@@ -154,7 +155,7 @@ def test_counters_hold_every_reject_cause() -> None:
 def test_alerts_fit_statustext_and_the_alerts_word() -> None:
     for number, alert in ALERTS.items():
         assert number == alert.id
-        assert 0 < number < 32
+        assert 0 < number < 63
         assert alert.text.isascii()
         assert 0 < len(alert.text) <= 50
     assert set(ALERTS) == set(AlertId)

@@ -9,7 +9,7 @@ from hil_sim.errors import DataError, ScenarioError
 
 SHIPPED = (
     *("burn_in_outage", "demo", "graceb_gaps", "graceb_real", "gracefo_outage", "j2_outage", "nominal", "paper_outage"),
-    *("sentinel3a_outage", "two_orbits", "unannounced_burn"),
+    *("sentinel3a_outage", "two_orbits", "unannounced_burn", "velocity_bias"),
 )
 
 
