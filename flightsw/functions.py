@@ -15,7 +15,7 @@ from flightsw.services import Services as Services
 
 def _makers() -> dict[str, Callable[[], Maker]]:
     """By kind of table; a function's modules are imported where its table is flown, and nowhere else."""
-    return {"gnss": _pseudoranges, "crosslink": _crosslink}
+    return {"gnss": _pseudoranges, "crosslink": _crosslink, "velocity_check": _velocity_check}
 
 
 def _pseudoranges() -> Maker:
@@ -28,6 +28,12 @@ def _crosslink() -> Maker:
     from flightsw import crosslink_function
 
     return crosslink_function.make
+
+
+def _velocity_check() -> Maker:
+    from flightsw.velocity_check import VelocityCheck
+
+    return VelocityCheck
 
 
 KINDS = tuple(_makers())

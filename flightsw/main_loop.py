@@ -16,7 +16,6 @@ from flightsw.can_port import CanPort
 from flightsw.checkpoint import CheckpointWriter, Resume
 from flightsw.clock import Clock
 from flightsw.events import EventRing
-from flightsw.functions import Function, Services
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.certificate import open_certificate
 from flightsw.icd.enums import REJECT_CAUSES, Certificate, FlagState, RejectCause, Validity, Verdict
@@ -38,6 +37,7 @@ from flightsw.records_io import RecordReader
 from flightsw.schedule import Member, Schedule
 from flightsw.sensing.can_receiver import CanReceiver
 from flightsw.sensing.epoch_assembly import EpochAssembly
+from flightsw.services import Function, Services
 from flightsw.tables.service import TableService
 
 _BUS_ERROR = int(RejectCause.BUS_ERROR)

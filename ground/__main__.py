@@ -35,6 +35,7 @@ ROOMS: dict[str, tuple[str, str]] = {
     "tune": ("ground.tuning.command", "make a table set from flown errors, with the evidence"),
     "crosslink": ("ground.crosslink.command", "study integrity by ranging between the satellites of a constellation"),
     "gnss": ("ground.gnss.command", "study the consistency test of GNSS satellites, check a receiver's file with it"),
+    "derivative": ("ground.derivative.command", "velocity and acceleration from positions: conditioning, any track"),
     "certify": ("ground.campaign.command", "fly a fresh ensemble of outages and say what it proves of a set's bound"),
     "timing": ("ground.timing.command", "measure what a tick, a kernel and a start cost on this machine"),
     "ledger": ("ground.studies.ledger_command", "measure the paper's claims and write the reproduction ledger"),

@@ -206,6 +206,9 @@ class Flight(Section, frozen=True):
     gnss_table: Annotated[dict[str, Any], Meta(description="fields of its table to override")] = field(
         default_factory=dict
     )
+    functions: Annotated[
+        tuple[str, ...], Meta(description="functions beside navigation that fly, by kind of table")
+    ] = ()
     allow_saturating: Annotated[
         bool, Meta(description="for a study: fly a table whose bound settles below its limit, which flight refuses")
     ] = False

@@ -165,8 +165,8 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
 
 def function_tables(loaded: LoadedScenario) -> dict[str, bytes]:
     """Images, by kind, of the functions beside navigation that the scenario has something for."""
-    images = {}
     flight, link = loaded.scenario.flight, loaded.scenario.crosslink
+    images = {kind: build_function(kind, kind) for kind in flight.functions}
     if flight.gnss_set is not None:
         images["gnss"] = build_function("gnss", flight.gnss_set, flight.gnss_table)
     if link is not None:

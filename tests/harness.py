@@ -110,6 +110,8 @@ class Flight:
         self.bus = FlakyBus(self.pair.flight)
         self.journal = Journal(folder)
         self.clock = clock if clock is not None else LockstepClock(self.world.counter0_ns)
+        forces = _forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None
+        functions = [decode(image) for image in function_tables(loaded).values()]
         self.loop = app.build(
             self.navigation,
             self.orientation,
@@ -118,9 +120,10 @@ class Flight:
             self.journal,
             sink if sink is not None else Nowhere(),
             self.world.start_unix_ns,
-            forces=_forces(loaded.t_start_gps_ns) if self.navigation.values["filter_model"][0] else None,
-            functions=[decode(image) for image in function_tables(loaded).values()],
+            forces=forces,
+            functions=functions,
         )
+        self.forces, self.functions = forces, functions
         self.k = 0
         self.published: list[tuple[int, int, bytes]] = []  # tick, identifier, payload
         self.at_ticks = np.zeros(self.world.n_ticks, OUTPUT)
@@ -191,13 +194,17 @@ class Flight:
 
 
 def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
-    """Make a folder with the two tables of a scenario."""
+    """Make a folder with the two tables of a scenario, and those of its functions."""
     build, start = loaded.scenario.flight, loaded.t_start_gps_ns
     folder.mkdir()
     (folder / app.NAVIGATION_FILE).write_bytes(build_navigation(build.table_set, build.table or None))
     stop = start + round(loaded.scenario.time.duration_s * NS)
     image = build_earth_orientation(start - HOUR_NS, stop + HOUR_NS, None)
     (folder / app.EARTH_ORIENTATION_FILE).write_bytes(image)
+    if decode((folder / app.NAVIGATION_FILE).read_bytes()).values["filter_model"][0]:
+        forces, field = build_force_tables(start)
+        (folder / app.FORCES_FILE).write_bytes(forces)
+        (folder / app.GRAVITY_FIELD_FILE).write_bytes(field)
     for kind, function in function_tables(loaded).items():
         (folder / f"{kind}.tbl").write_bytes(function)
 
@@ -205,8 +212,9 @@ def save_run_tables(loaded: LoadedScenario, folder: Path) -> None:
 def save_run(flight: Flight, folder: Path) -> Path:
     """Put beside the logs of a flight what a replay needs; returns the folder."""
     save_run_tables(flight.loaded, folder / "tables")
-    functions = app.load_function_tables(folder / "tables")
-    (folder / "run.json").write_text(json.dumps(identity(flight.navigation, flight.orientation, *functions)))
+    (folder / "run.json").write_text(
+        json.dumps(identity(flight.navigation, flight.orientation, *(flight.forces or ()), *flight.functions))
+    )
     return folder
 
 

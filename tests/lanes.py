@@ -29,6 +29,7 @@ ROOMS = (
     "flightsw.modes",
     "flightsw.crosslink",
     "flightsw.gnss",
+    "flightsw.derivative",
 )
 FLAGS = {"bounds": "NUMBA_BOUNDSCHECK", "coverage": "NUMBA_DISABLE_JIT"}
 FOLDERS = ("unit", "property")

@@ -64,6 +64,7 @@ class AlertId(IntEnum):
     CROSSLINK_OWN_SUSPECT = 36
     CROSSLINK_NEIGHBOUR_FAULTY = 37
     CROSSLINK_MAJORITY = 38
+    RECEIVER_VELOCITY_FAULT = 39
 
 
 class Alert(NamedTuple):
@@ -116,6 +117,7 @@ ALERTS: dict[int, Alert] = {
             AlertId.CROSSLINK_NEIGHBOUR_FAULTY, Severity.WARNING, "Another satellite's message found wrong: excluded"
         ),
         Alert(AlertId.CROSSLINK_MAJORITY, Severity.WARNING, "Most crosslinks disagree with own message"),
+        Alert(AlertId.RECEIVER_VELOCITY_FAULT, Severity.ALERT, "Receiver's velocity contradicts its positions"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }

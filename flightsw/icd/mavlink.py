@@ -1517,8 +1517,10 @@ LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_FAULTY = 37
 enums["LEONAV_ALERT_ID"][37] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_FAULTY", """Another satellite's message found wrong: excluded""")
 LEONAV_ALERT_ID_CROSSLINK_MAJORITY = 38
 enums["LEONAV_ALERT_ID"][38] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_MAJORITY", """Most crosslinks disagree with own message""")
-LEONAV_ALERT_ID_ENUM_END = 39
-enums["LEONAV_ALERT_ID"][39] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT = 39
+enums["LEONAV_ALERT_ID"][39] = EnumEntry("LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT", """Receiver's velocity contradicts its positions""")
+LEONAV_ALERT_ID_ENUM_END = 40
+enums["LEONAV_ALERT_ID"][40] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # LEONAV_CROSSLINK_STATE
 enums["LEONAV_CROSSLINK_STATE"] = Enum()
@@ -1700,6 +1702,7 @@ MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
 MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
 MAVLINK_MSG_ID_LEONAV_GNSS_CHECK = 61412
 MAVLINK_MSG_ID_LEONAV_CROSSLINK = 61416
+MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK = 61421
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3337,6 +3340,53 @@ class MAVLink_leonav_crosslink_message(MAVLink_message):
 setattr(MAVLink_leonav_crosslink_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_velocity_check_message(MAVLink_message):
+    """
+    A receiver's velocity against the derivative of its own positions,
+    where that function flies.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK
+    msgname = "LEONAV_VELOCITY_CHECK"
+    fieldnames = ["t_gps_ns", "fixes", "alarms", "statistic", "threshold", "bias_mps", "sigma_mps", "armed", "fault"]
+    ordered_fieldnames = ["t_gps_ns", "fixes", "alarms", "statistic", "threshold", "bias_mps", "sigma_mps", "armed", "fault"]
+    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "bias_mps": "m/s", "sigma_mps": "m/s"}
+    native_format = bytearray(b"<qIIffffBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    lengths = [1, 1, 1, 1, 1, 3, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 3, 0, 0, 0]
+    crc_extra = 65
+    unpacker = struct.Struct("<qIIff3ffBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_velocity_check_message.id, MAVLink_leonav_velocity_check_message.msgname)
+        self._fieldnames = MAVLink_leonav_velocity_check_message.fieldnames
+        self._instance_field = MAVLink_leonav_velocity_check_message.instance_field
+        self._instance_offset = MAVLink_leonav_velocity_check_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.fixes = fixes
+        self.alarms = alarms
+        self.statistic = statistic
+        self.threshold = threshold
+        self.bias_mps = bias_mps
+        self.sigma_mps = sigma_mps
+        self.armed = armed
+        self.fault = fault
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.fixes, self.alarms, self.statistic, self.threshold, self.bias_mps[0], self.bias_mps[1], self.bias_mps[2], self.sigma_mps, self.armed, self.fault), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_velocity_check_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3372,6 +3422,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
     MAVLINK_MSG_ID_LEONAV_GNSS_CHECK: MAVLink_leonav_gnss_check_message,
     MAVLINK_MSG_ID_LEONAV_CROSSLINK: MAVLink_leonav_crosslink_message,
+    MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK: MAVLink_leonav_velocity_check_message,
 }
 
 
@@ -5065,3 +5116,39 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_crosslink_encode(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest), force_mavlink1=force_mavlink1)
+
+    def leonav_velocity_check_encode(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int) -> MAVLink_leonav_velocity_check_message:
+        """
+        A receiver's velocity against the derivative of its own positions,
+        where that function flies.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 of the last fix looked at. [ns] (type:int64_t)
+        fixes                     : Fixes since the check began. (type:uint32_t)
+        alarms                    : Faults found since start. (type:uint32_t)
+        statistic                 : Length of the sum [sigma]; a fault above the threshold. (type:float)
+        threshold                 : Threshold [sigma]. (type:float)
+        bias_mps                  : Mean of velocity less derivative over the last fixes, time constant 50, GCRF; NaN while nothing is tested. [m/s] (type:float)
+        sigma_mps                 : 1-sigma of the derivative of positions, the largest of the axes. [m/s] (type:float)
+        armed                     : 1: the derivative is good enough to test by. (type:uint8_t)
+        fault                     : 1: a fault is held. (type:uint8_t)
+
+        """
+        return MAVLink_leonav_velocity_check_message(t_gps_ns, fixes, alarms, statistic, threshold, bias_mps, sigma_mps, armed, fault)
+
+    def leonav_velocity_check_send(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int, force_mavlink1: bool = False) -> None:
+        """
+        A receiver's velocity against the derivative of its own positions,
+        where that function flies.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 of the last fix looked at. [ns] (type:int64_t)
+        fixes                     : Fixes since the check began. (type:uint32_t)
+        alarms                    : Faults found since start. (type:uint32_t)
+        statistic                 : Length of the sum [sigma]; a fault above the threshold. (type:float)
+        threshold                 : Threshold [sigma]. (type:float)
+        bias_mps                  : Mean of velocity less derivative over the last fixes, time constant 50, GCRF; NaN while nothing is tested. [m/s] (type:float)
+        sigma_mps                 : 1-sigma of the derivative of positions, the largest of the axes. [m/s] (type:float)
+        armed                     : 1: the derivative is good enough to test by. (type:uint8_t)
+        fault                     : 1: a fault is held. (type:uint8_t)
+
+        """
+        self.send(self.leonav_velocity_check_encode(t_gps_ns, fixes, alarms, statistic, threshold, bias_mps, sigma_mps, armed, fault), force_mavlink1=force_mavlink1)

@@ -11,14 +11,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from flightsw.icd.table_schema import CROSSLINK, FORCES, NAVIGATION
+from flightsw.icd.table_schema import CROSSLINK, FORCES, NAVIGATION, VELOCITY_CHECK
 
 # Grid epochs that flight keeps for late fixes; a test holds it equal to flightsw.records.HISTORY.
 HISTORY_EPOCHS = 12
 # What a receiver needs, beside the wait for the next tick, to compute a fix and send it.
 RECEIVER_MARGIN_S = 0.1
 
-_UNITS = {field.name: field.unit for schema in (NAVIGATION, FORCES, CROSSLINK) for field in schema.fields}
+_KNOWN = (NAVIGATION, FORCES, CROSSLINK, VELOCITY_CHECK)
+_UNITS = {field.name: field.unit for schema in _KNOWN for field in schema.fields}
 
 
 def problems(kind: str, values: np.ndarray) -> list[str]:
@@ -107,8 +108,14 @@ def _crosslink(record: np.void) -> Iterator[str]:
         yield from _ordered(record, low, high)
 
 
+def _velocity_check(record: np.void) -> Iterator[str]:
+    yield from _ordered(record, "clear", "threshold", strictly=True)
+    yield from _ordered(record, "reference", "step_max", strictly=True)
+
+
 _RULES: dict[str, Callable[[np.void], Iterator[str]]] = {
     NAVIGATION.name: _navigation,
     FORCES.name: _forces,
     CROSSLINK.name: _crosslink,
+    VELOCITY_CHECK.name: _velocity_check,
 }

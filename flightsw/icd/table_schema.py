@@ -13,6 +13,7 @@ from flightsw.icd.table_field import Schema as Schema
 from flightsw.icd.table_field import group as _group
 from flightsw.icd.table_field import real as _real
 from flightsw.icd.table_field import whole as _whole
+from flightsw.icd.velocity_check_schema import VELOCITY_CHECK as VELOCITY_CHECK
 
 MAX_TUNING_ROWS = 4
 MAX_EARTH_ORIENTATION_NODES = 160
@@ -352,6 +353,8 @@ FORCES = Schema(
     ),
 )
 
+# of the functions beside navigation, flightsw/functions.py
+_FUNCTIONS = (GNSS, CROSSLINK, VELOCITY_CHECK)
 SCHEMAS: dict[str, Schema] = {
-    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, GNSS, CROSSLINK)
+    schema.name: schema for schema in (NAVIGATION, EARTH_ORIENTATION, GRAVITY_FIELD, FORCES, *_FUNCTIONS)
 }

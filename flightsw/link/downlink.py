@@ -112,6 +112,10 @@ class Downlink:
         self._streams.append(stream)
         self._by_id[message_id] = stream
 
+    def fix(self) -> tuple[float, ...]:
+        """The output record of the step that took the last fix, for functions beside navigation."""
+        return self._told.fix()
+
     def run(self) -> None:
         """Send what is due in this tick."""
         tick = self._told.tick

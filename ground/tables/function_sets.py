@@ -14,12 +14,12 @@ import numpy as np
 
 from flightsw.icd.table_checks import problems
 from flightsw.icd.table_file import TableRefused, encode
-from flightsw.icd.table_schema import CROSSLINK, GNSS, Field, Schema
+from flightsw.icd.table_schema import CROSSLINK, GNSS, VELOCITY_CHECK, Field, Schema
 from ground.errors import OperatorError, did_you_mean
 from ground.tables.build import number_of, read_toml
 
 SETS = Path(__file__).parent / "functions"
-FUNCTIONS: dict[str, Schema] = {schema.name: schema for schema in (GNSS, CROSSLINK)}
+FUNCTIONS: dict[str, Schema] = {schema.name: schema for schema in (GNSS, CROSSLINK, VELOCITY_CHECK)}
 Value = float | list[float]
 
 

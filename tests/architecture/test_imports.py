@@ -72,6 +72,7 @@ _COMPILED = (
     "flightsw/integrity/",
     "flightsw/crosslink/",
     "flightsw/gnss/",
+    "flightsw/derivative/",
     "flightsw/records.py",
     "flightsw/modes.py",
 )
@@ -118,6 +119,7 @@ RULES = (
             "flightsw.integrity",
             "flightsw.crosslink",
             "flightsw.gnss",
+            "flightsw.derivative",
             "enum",
             "flightsw.records",
             "flightsw.modes",
@@ -133,12 +135,21 @@ RULES = (
             "flightsw/crosslink/setup.py": "settings of a monitor, before any tick",
             "flightsw/gnss/declare.py": "hashes the sources of its room for numba's cache",
             "flightsw/gnss/setup.py": "settings of a test, before any tick",
+            "flightsw/derivative/declare.py": "hashes the sources of its room for numba's cache",
+            "flightsw/derivative/setup.py": "settings of the estimators, before any tick",
         },
     ),
     Rule(
         "the kernels are domain-free: they know no navigation, bound or mode",
         ("flightsw/kernels/",),
-        none_of("flightsw.nav", "flightsw.integrity", "flightsw.crosslink", "flightsw.gnss", "flightsw.modes"),
+        none_of(
+            "flightsw.nav",
+            "flightsw.integrity",
+            "flightsw.crosslink",
+            "flightsw.gnss",
+            "flightsw.derivative",
+            "flightsw.modes",
+        ),
         ("flightsw/kernels/linalg.py", "from flightsw.nav import filter"),
     ),
     Rule(

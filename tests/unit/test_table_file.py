@@ -136,7 +136,7 @@ def test_a_field_out_of_range_is_refused_on_both_sides(schema: Schema, field: Fi
     [
         (0, b"LNAVTBL2", "magic"),
         (8, b"\x02\x00", "format 2"),
-        (10, b"\x07\x00", "kind number 7"),
+        (10, b"\x7f\x00", "kind number 127"),
         (10, b"\x02\x00", "schema"),
         (12, b"\x00", "build the table again"),
         (20, b"\x00", "printable"),

@@ -1,0 +1,1 @@
+"""Velocity and acceleration from positions: chains, a multiple-model filter, a smoother, a check of velocities."""

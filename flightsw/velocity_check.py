@@ -1,0 +1,96 @@
+"""Function beside navigation: is a receiver's velocity the derivative of its positions? (flightsw/derivative/check.py)
+
+Runs where there is a table `velocity_check`. It takes the innovations of the last fix, which navigation has recorded
+whether it used them or not: position and velocity less the predicted orbit, GCRF. It tells, by an alert and a message;
+what navigation uses is for navigation's own editing and monitor to say.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flightsw.derivative.check import check_fix
+from flightsw.derivative.setup import Check, CheckSettings
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.mavlink import MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK
+from flightsw.icd.table_file import TableImage
+from flightsw.services import Services
+
+_FAULT_BIT = 1 << int(AlertId.RECEIVER_VELOCITY_FAULT)
+# after these the orbit of before says nothing about the fixes of after
+_ANEW = sum(
+    1 << int(alert)
+    for alert in (
+        AlertId.INITIALISED,
+        AlertId.REINITIALISED,
+        AlertId.CLOCK_REINITIALISED,
+        AlertId.MANOEUVRE_DETECTED,
+        AlertId.STATE_UPLOADED,
+    )
+)
+_BURNS = 1 << int(AlertId.BURN_ACTIVE)
+_USED = -1
+_U32 = 0xFFFFFFFF
+
+
+class VelocityCheck:
+    """One check, made ready from its table; fixes that share a tick are looked at once, the last of them."""
+
+    __slots__ = ("_check", "_places", "_seen_ns", "_services", "_start_ns", "_vectors", "conditions", "happened")
+
+    name = "velocity_check"
+    budget_us = 50.0
+
+    def __init__(self, table: TableImage, services: Services) -> None:
+        values = table.values
+        fields = {name: float(values[name][0]) for name in values.dtype.names or ()}
+        self._check = Check(CheckSettings(**fields))
+        self._services = services
+        self._places = services.places
+        self._vectors = tuple(np.zeros(3) for _ in range(4))  # dr, dv, sigma of r, of v
+        self._seen_ns = self._start_ns = 0
+        self.conditions = self.happened = 0
+        services.downlink.add(MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK, "status", self.tell)
+
+    def run(self) -> None:
+        """Take the fix of the last tick, if there was one."""
+        out, at = self._services.reading(), self._places
+        fix = self._services.downlink.fix()
+        fresh = bool(fix[at["fix_seen"]]) and int(fix[at["fix_gps_ns"]]) != self._seen_ns
+        events = int(out[at["events"]]) | (int(fix[at["events"]]) if fresh else 0)
+        if events & _ANEW or int(out[at["alerts"]]) & _BURNS:
+            self._check.state["fixes"] = 0  # begins anew with the next fix, a fault forgotten
+        if not fresh:
+            return
+        t_gps_ns = self._seen_ns = int(fix[at["fix_gps_ns"]])
+        if fix[at["type_cause"]] != _USED or math.isnan(fix[at["innovation"] + 3]):
+            return
+        dr_m, dv_mps, sigma_r_m, sigma_v_mps = self._vectors
+        place, spread = at["innovation"], at["innovation_sigma"]
+        for axis in range(3):
+            dr_m[axis], dv_mps[axis] = fix[place + axis], fix[place + 3 + axis]
+            sigma_r_m[axis], sigma_v_mps[axis] = fix[spread + axis], fix[spread + 3 + axis]
+        if self._start_ns == 0:
+            self._start_ns = t_gps_ns
+        t_s = (t_gps_ns - self._start_ns) * 1e-9
+        check_fix(self._check.table, self._check.state, t_s, dr_m, dv_mps, sigma_r_m, sigma_v_mps)
+        self.conditions = _FAULT_BIT if self._check.state["fault"][0] else 0
+
+    def tell(self) -> None:
+        """LEONAV_VELOCITY_CHECK."""
+        state, table = self._check.state[0], self._check.table[0]
+        summed = state["bias_count"] > 0.0
+        sigma = math.sqrt(max(float(state["P"][axis, 1, 1]) for axis in range(3)))
+        self._services.link.mav.leonav_velocity_check_send(
+            self._seen_ns,
+            min(int(state["fixes"]), _U32),
+            min(int(state["alarms"]), _U32),
+            float(state["statistic"]),
+            float(table["threshold"]),
+            [float(value) if summed else math.nan for value in state["bias_mps"]],
+            sigma,
+            int(state["armed"]),
+            int(state["fault"]),
+        )
