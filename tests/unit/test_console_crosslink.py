@@ -94,7 +94,7 @@ def test_numbers_that_this_console_does_not_know_stay_visible() -> None:
 
 
 def test_the_page_is_turned_to_by_its_key() -> None:
-    """GIVEN a message that names satellite 9 WHEN key 0, of the tenth page, is pressed THEN it is shown; the keys fit."""
+    """GIVEN a message that names satellite 9 WHEN key 0, of page ten, is pressed THEN it is shown; the keys fit."""
     link = ScriptedLink()
 
     async def script(pilot: Any, app: ConsoleApp) -> None:
