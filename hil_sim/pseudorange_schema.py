@@ -26,6 +26,7 @@ class Kind(NamedTuple):
 KINDS: dict[str, Kind] = {
     "step": Kind("its ranges are wrong by so much", "metres"),
     "ramp": Kind("its ranges drift away", "metres per second"),
+    "lift": Kind("as a spoofer would: the ranges of all agree on a place that rises", "metres per second"),
     "nan": Kind("its ranges are no numbers"),
     "sigma": Kind("the receiver claims this sigma for it", "metres"),
     "duplicate": Kind("it is sent twice in an epoch"),

@@ -174,7 +174,7 @@ class PseudorangeFunction:
         excluded.note(verdict in (_EXCLUDED, _AMBIGUOUS))
         inconsistent.note(verdict in (_AMBIGUOUS, _INCONSISTENT))
         protection.note(self._protects and solved and not available)
-        untested.note(verdict >= _UNTESTED and verdict != _INCONSISTENT)
+        untested.note(verdict > _INCONSISTENT or (verdict == _UNTESTED and not self._offer_untested))
         self.conditions = 0
         for bit, latch in self._latches.items():
             if latch.holds:

@@ -41,6 +41,9 @@ def corrupt(faults: tuple[SatelliteFault, ...], series: RawSeries, t_start_gps_n
             series.range_m[at] += value
         elif fault.kind == "ramp":
             series.range_m[at] += value * ((t[when] - start) / NS)[:, None]
+        elif fault.kind == "lift":  # a receiver that rises by d is nearer by d times the sine of the elevation
+            rise_m = value * ((t[when] - start) / NS)[:, None]
+            series.range_m[at] -= rise_m * np.sin(series.elevation_rad[at])
         elif fault.kind == "nan":
             series.range_m[at] = np.nan
         elif fault.kind == "sigma":
