@@ -84,7 +84,7 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
     figure, axes = style.new_figure(
         5,
         f"Table {table.number}: range differences of satellite 1 under {name}",
-        "a row is a neighbour; dark: above 59.7 m. Top: the paper's model; below: the same error in a true direction",
+        "rows: neighbours; white: first majority. Top: the paper's model; below: the same error in a true direction",
     )
     figure.subplots_adjust(hspace=0.35, left=0.12, right=0.93)
     image = None
@@ -103,6 +103,8 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
             extent=(0.0, stop, -0.5, len(mine) - 0.5),
         )
         votes = 2 * (dr > paper.THRESHOLD_M).sum(axis=0) > len(mine)
+        if votes.any():
+            panel.axvline(float(times[np.argmax(votes)]), color="white", linewidth=1.5)
         panel.grid(False)
         panel.set_yticks([])
         share = 100.0 * votes[times >= (JUMP_AT_S if table.jump_m else 0.0)].mean()
@@ -111,6 +113,7 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
     if image is not None:
         bar = figure.colorbar(image, ax=axes, fraction=0.02, pad=0.01)
         bar.set_label("dR [m]")
+        bar.ax.axhline(paper.THRESHOLD_M, color="white", linewidth=1.5)
     return figure
 
 
@@ -129,6 +132,8 @@ def detection(found: dict[str, Any]) -> Figure:
         panel.plot(sizes, [row["own_fault"] for _, row in mine], "s--", color=style.GREY, label="own satellite")
         panel.plot(sizes, [row["majority"] for _, row in mine], "^:", color=style.LIMIT, label="the paper's rule")
         panel.set_xscale("log")
+        panel.set_xticks(sizes, [f"{size:g}" for size in sizes])
+        panel.set_xticks([], minor=True)
         panel.set_ylim(-0.05, 1.05)
         panel.set_ylabel(direction)
     axes[-1].set_xlabel("jump [m]")
@@ -168,8 +173,8 @@ def time_to_detect(figures: dict[str, np.ndarray]) -> Figure:
         panel = axes[0] if case.rate_mps == 0.01 else axes[1]
         mine = figures["case"] == index
         for name, dashes in (("network_s", "-"), ("own_fault_s", "--")):
-            times = np.sort(figures[name][mine])
-            share = np.arange(1, len(times) + 1) / max(len(times), 1)
+            times = np.concatenate(([0.0], np.sort(figures[name][mine])))  # what was not found, NaN, comes last
+            share = np.arange(len(times)) / max(len(times) - 1, 1)
             panel.step(
                 times,
                 share,
@@ -179,6 +184,8 @@ def time_to_detect(figures: dict[str, np.ndarray]) -> Figure:
                 label=DIRECTIONS[case.direction] if name == "network_s" else None,
             )
         panel.set_ylabel(f"found, {case.rate_mps:g} m/s")
+        panel.set_ylim(-0.05, 1.05)
+        panel.set_xlim(left=0.0)
     axes[1].set_xlabel("time since the ramp began [s]")
     style.legend_above(axes[0], 4)
     return figure

@@ -18,6 +18,9 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert names == [
         *(
             "burn_in_outage",
+            "crosslink_glonass",
+            "crosslink_jump",
+            "crosslink_ramp",
             "demo",
             "gnss_faults",
             "graceb_gaps",
@@ -44,6 +47,8 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
             *("command.0.at_s=1", "command.0.command=reset_filter"),
             *("pseudoranges.rate_hz=1.0", 'flight.gnss_set="gnss"'),
             *("satellite_fault.0.kind=nan", "satellite_fault.0.start_s=1", "satellite_fault.0.duration_s=1"),
+            *("crosslink.own=1", "crosslink_fault.0.satellites=[1]"),
+            *("crosslink_fault.0.start_s=1", "crosslink_fault.0.jump_m=[1.0,0.0,0.0,0.0]"),
         ],
     )
     assert set(explained) == {re.sub(r"\.\d+\.", ".N.", key) for key in every.origin}
