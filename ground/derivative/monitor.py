@@ -192,6 +192,7 @@ def monitor_part(folder: Path, seed: int, runs: int, advance: Callable[[int], No
         "coloured": asdict(flight.coloured),
         "exact_days": mean_run_length(flight.settings.reference, flight.settings.threshold) / DAY_S,
         "false_alarm_days": DAYS,
+        "give_up_s": GIVE_UP_S,
         "alarms": {
             "white errors": _rate(int(figures["alarms"].sum()), runs * flight.days),
             "coloured errors": _rate(int(coloured.sum()), len(coloured) * flight.days),
