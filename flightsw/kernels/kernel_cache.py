@@ -18,16 +18,14 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("kernels", "nav", "integrity")
 _LOCATORS = "flightsw.kernels.cache_locator.PackageLocator,UserProvidedCacheLocator"
-_COMPILED_FILES = (
-    *("records.py", "modes.py", "icd/alerts.py", "icd/enums.py"),
-    *("icd/table_schema.py", "icd/table_field.py", "icd/gnss_schema.py", "icd/crosslink_schema.py"),
-)
+_COMPILED_FILES = ("records.py", "modes.py", "icd/alerts.py", "icd/enums.py", "icd/table_field.py")
 
 
 def compiled_sources() -> list[Path]:
     """Every source file whose text can end in machine code, in a fixed order."""
     rooms = [path for room in _COMPILED_ROOMS for path in sorted((_PACKAGE / room).glob("*.py"))]
-    return rooms + [_PACKAGE / name for name in _COMPILED_FILES if (_PACKAGE / name).exists()]
+    schemas = sorted((_PACKAGE / "icd").glob("*_schema.py"))
+    return rooms + [_PACKAGE / name for name in _COMPILED_FILES if (_PACKAGE / name).exists()] + schemas
 
 
 def source_hash() -> str:

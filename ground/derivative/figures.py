@@ -113,17 +113,22 @@ def draw_track(result: Result, path: Path) -> Path:
 def track_figure(result: Result) -> Figure:
     """Velocity above, acceleration below."""
     positions = result.positions
-    t = positions.t_s - positions.t_s[0]
+    ends = np.flatnonzero(np.diff(positions.t_s) > result.gap_s) + 1  # a row of nothing breaks a line at each gap
+    t = np.insert(positions.t_s - positions.t_s[0], ends, np.nan)
+    at_once, later, spread_of = (
+        np.insert(values, ends, np.nan, axis=0)
+        for values in (result.causal.mean, result.smoothed.mean, result.smoothed.sigma)
+    )
     figure, panels = style.new_figure(
         2,
         "Velocity and acceleration from positions",
-        f"{len(t)} positions; thin: at once; thick: {result.lag_s:g} s later; bands: 2 sigma of the later one",
+        f"{len(positions.t_s)} positions; thin: at once; thick: {result.lag_s:g} s later; bands: 2 sigma of the latter",
     )
     for k, (axes, label) in enumerate(zip(panels, ("velocity [m/s]", "acceleration [m/s²]"), strict=True), start=1):
         low, high = [], []
         for axis, (name, colour) in enumerate(zip(positions.names, style.AXIS_COLOURS, strict=False)):
-            late, spread = result.smoothed.mean[:, axis, k], 2.0 * result.smoothed.sigma[:, axis, k]
-            axes.plot(*style.thin(t, result.causal.mean[:, axis, k]), color=colour, lw=0.6, alpha=0.6)
+            late, spread = later[:, axis, k], 2.0 * spread_of[:, axis, k]
+            axes.plot(*style.thin(t, at_once[:, axis, k]), color=colour, lw=0.6, alpha=0.6)
             axes.plot(*style.thin(t, late), color=colour, lw=1.8, label=name)
             rows = style.thin_rows(len(t))
             axes.fill_between(t[rows], (late - spread)[rows], (late + spread)[rows], color=colour, alpha=0.2, lw=0)
@@ -133,7 +138,7 @@ def track_figure(result: Result) -> Figure:
         axes.set_ylim(min(low) - margin, max(high) + margin)  # the start of a causal estimate would hide the rest
         axes.set_ylabel(label)
     style.legend_above(panels[0])
-    style.time_axis(panels[1], 0.0, float(t[-1]), "time since the first position")
+    style.time_axis(panels[1], 0.0, float(np.nanmax(t)), "time since the first position")
     return figure
 
 
@@ -145,6 +150,7 @@ def check_figure(found: dict[str, Any]) -> Figure:
         f"fixes of 10 m and 0.1 m/s at 1 Hz; at most one false alarm in {found['false_alarm_days']:g} days",
     )
     for (name, rows), colour in zip(found["delays"].items(), style.AXIS_COLOURS, strict=False):
+        rows = [row for row in rows if row["median_s"] < found["give_up_s"]]  # of the others half were not found
         size = [row["bias_mps"] for row in rows]
         axes.plot(size, [row["median_s"] for row in rows], color=colour, marker="o", ms=4, label=f"{name}: median")
         axes.fill_between(

@@ -42,6 +42,7 @@ class Result(NamedTuple):
     causal: tracks.Track
     smoothed: tracks.Track
     lag_s: float
+    gap_s: float
     nis: float
 
 
@@ -137,7 +138,7 @@ def estimate(positions: Positions, lag_s: float, agility: float) -> Result:
     lagged = LagSettings(later.order, later.q * agility**2, lag_s, axes, gap_s)
     causal = tracks.causal(settings, positions.t_s, positions.z_m, positions.sigma_m)
     smoothed = tracks.smoothed(lagged, positions.t_s, positions.z_m, positions.sigma_m)
-    return Result(positions, causal, smoothed, lag_s, float(np.nanmedian(causal.nis)))
+    return Result(positions, causal, smoothed, lag_s, gap_s, float(np.nanmedian(causal.nis)))
 
 
 def write(result: Result, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from flightsw.derivative.check import check_fix
 from flightsw.derivative.setup import Check, CheckSettings
 from flightsw.icd.velocity_check_schema import VELOCITY_CHECK
-from ground.derivative import monitor
+from ground.derivative import figures, monitor, report
 from ground.derivative.run_length import mean_run_length, threshold_for
 
 TEN, TENTH = np.full(3, 10.0), np.full(3, 0.1)
@@ -121,6 +122,28 @@ def test_nothing_is_tested_before_the_derivative_is_known() -> None:
     fixes(check, np.full((60, 3), 5.0))
     assert check.state[0]["armed"] == 0
     assert check.state[0]["statistic"] == 0.0
+
+
+@pytest.mark.compiled
+def test_the_study_counts_and_is_resumed(tmp_path: Path) -> None:
+    """GIVEN a campaign of two runs WHEN it is asked for again THEN nothing is flown; the document, its words and its
+    picture say what was counted."""
+    told: list[int] = []
+    found = monitor.monitor_part(tmp_path / "runs", 3, 2, told.append, days=0.05)
+    assert sum(told) == 2
+    assert monitor.monitor_part(tmp_path / "runs", 3, 2, told.append, days=0.05) == found
+    assert told[-1] == 2
+    white = found["alarms"]["white errors"]
+    assert white["days"] == pytest.approx(0.1)
+    assert white["lower"] <= white["per_30_days"] <= white["upper"]
+    assert found["exact_days"] == pytest.approx(45.0, rel=0.05)
+    large = found["delays"]["every axis"][-1]
+    assert large["bias_mps"] == 0.5
+    assert large["q95_s"] <= 10.0
+    assert large["within"] == 1.0
+    assert any("0.05 m/s, one axis" in line for line in report.lines("monitor", found))
+    (drawn,) = figures.draw({"monitor": found}, None, tmp_path / "figures")
+    assert drawn.name == "velocity_check.png"
 
 
 @pytest.mark.compiled

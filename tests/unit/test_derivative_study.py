@@ -13,7 +13,7 @@ import pytest
 
 from flightsw.derivative.setup import BankSettings, TunedSettings
 from ground.__main__ import main
-from ground.derivative import figures, ledger, paper, peers, scenario, study, track_file, tracks
+from ground.derivative import figures, ledger, paper, peers, report, scenario, study, track_file, tracks
 from ground.derivative.tuning import CAUSAL_LIMITS, LAG_S, SMOOTHED_LIMITS, tune
 
 pytestmark = pytest.mark.compiled
@@ -164,6 +164,7 @@ def test_the_ledger_holds_and_names_tests_that_exist(tmp_path: Path) -> None:
     for claim in ledger.CLAIMS:
         path, _, name = claim.test.partition("::")
         assert f"def {name}(" in (root / path).read_text(encoding="utf-8")
+    assert any("K1" in line for line in report.lines("paper", document["paper"]))
     figures.draw(document, study.example(study.Estimators(1)), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"scenario.png", "gains.png"}
     document["scenario"]["causal_met"] = False
@@ -189,6 +190,9 @@ def test_a_study_is_resumed_where_it_was_stopped(tmp_path: Path) -> None:
     assert document["causal_met"]
     assert document["smoothed_met"]
     assert document["estimators"]["pynumdiff"]["rms"]["v_yawing"] is None
+    said = "\n".join(report.lines("scenario", document))
+    assert said.count(": met") == 2
+    assert "pynumdiff is not installed" in said
 
 
 def write(path: Path, header: str, columns: np.ndarray) -> Path:

@@ -31,7 +31,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "nominal",
             "paper_outage",
         ),
-        *("sentinel3a_outage", "two_orbits", "unannounced_burn"),
+        *("sentinel3a_outage", "two_orbits", "unannounced_burn", "velocity_bias"),
     ]
 
 
