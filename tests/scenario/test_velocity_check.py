@@ -77,7 +77,7 @@ def test_the_replay_says_the_same(biased: tuple[Flight, Heard, Path]) -> None:
 
 
 def test_a_bias_from_the_first_fix_is_found_once_the_check_is_armed() -> None:
-    """GIVEN a receiver whose velocity is wrong by 0.2 m/s from the beginning THEN the alert comes when the derivative of
+    """GIVEN a receiver whose velocity is wrong by 0.2 m/s from the beginning THEN the alert comes when the slope of
     its positions is known, though the state has started from that velocity."""
     heard = Heard()
     fly(heard, None, "time.duration_s=520", faults(fault("velocity_step", 0.0, 520.0, axis="y", value=0.2)))
