@@ -76,6 +76,16 @@ def test_the_replay_says_the_same(biased: tuple[Flight, Heard, Path]) -> None:
     assert replay.replay(save_run(flight, folder), folder / "again") == (flight.k, None, None)
 
 
+def test_a_bias_from_the_first_fix_is_found_once_the_check_is_armed() -> None:
+    """GIVEN a receiver whose velocity is wrong by 0.2 m/s from the beginning THEN the alert comes when the slope of
+    its positions is known, though the state has started from that velocity."""
+    heard = Heard()
+    fly(heard, None, "time.duration_s=520", faults(fault("velocity_step", 0.0, 520.0, axis="y", value=0.2)))
+    (raised,) = heard.alerts
+    armed = next(told for told in heard.checks if told.armed)
+    assert 0.0 < (raised.t_gps_ns - armed.t_gps_ns) * 1e-9 < 40.0
+
+
 def test_a_receiver_without_velocity_and_spikes_are_no_fault() -> None:
     """GIVEN numbers that are none, one absurd velocity and a frozen fix THEN nothing is told and nothing raised."""
     heard = Heard()
