@@ -4,12 +4,9 @@ import json
 from pathlib import Path
 
 from gnss_bench import checks
-from harness import Flight, fault, faults, load
+from harness import Flight, fault, faults, load, save_run
 
 from flightsw import replay
-from flightsw.app import load_function_tables
-from flightsw.provenance import identity
-from hil_sim.sil import build_tables
 
 
 def test_a_flight_on_pseudoranges_replays_byte_for_byte(tmp_path: Path) -> None:
@@ -23,13 +20,11 @@ def test_a_flight_on_pseudoranges_replays_byte_for_byte(tmp_path: Path) -> None:
         fault("frame_drop", 20, 40, probability=0.2, target="ephemeris"),
     )
     loaded = load(f"satellite_fault=[{wrong}]", bad, "outage=[{start_s=50.0, duration_s=3.0}]", name="gnss_faults")
-    navigation, orientation, forces = build_tables(loaded, tmp_path / "tables")
     with Flight(loaded, tmp_path) as flight:
         flight.fly()
     assert checks(flight)["offered"].sum() >= 20
-    functions = load_function_tables(tmp_path / "tables")
-    record = identity(navigation, orientation, *(forces or ()), *functions)
-    (tmp_path / "run.json").write_text(json.dumps(record))
+    save_run(flight, tmp_path)
+    record = json.loads((tmp_path / "run.json").read_text())
     assert replay.check_versions(tmp_path) == []
     assert replay.replay(tmp_path, tmp_path / "again") == (600, None, None)
     record["tables"]["gnss"]["crc32"] ^= 1

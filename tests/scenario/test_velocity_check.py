@@ -104,15 +104,16 @@ def test_without_a_table_there_is_no_check() -> None:
 
 def test_the_table_is_built_and_mistakes_in_it_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "velocity_check.tbl"
-    assert main(["table", "build-function", "velocity_check", "--set", "threshold=40", "--out", str(out)]) == 0
+    words = ["velocity_check", "velocity_check", "--set", "threshold=40"]
+    assert main(["table", "build-function", *words, "--out", str(out)]) == 0
     assert main(["table", "show", str(out)]) == 0
     assert "threshold" in capsys.readouterr().out
     for kind, settings, says in (
-        ("velocity", {}, "did you mean"),
+        ("velocity", {}, "there are: gnss, crosslink, velocity_check"),
         ("velocity_check", {"thresold": 1.0}, "did you mean"),
-        ("velocity_check", {"threshold": "x"}, "no number"),
+        ("velocity_check", {"threshold": "x"}, "not a number"),
         ("velocity_check", {"threshold": 5.0}, "clear"),
         ("velocity_check", {"gap_s": -1.0}, "gap_s"),
     ):
         with pytest.raises(OperatorError, match=says):
-            build_function(kind, settings)
+            build_function(kind, "velocity_check", settings)
