@@ -133,6 +133,15 @@ def endure(
     return Certified(document, figures, ensemble, targets)
 
 
+def finished(
+    folder: Path, table_set: str, ensemble: Ensemble, runs: int, long: bool, quick: bool
+) -> tuple[Flight, Arrays]:
+    """What a finished campaign flew, and its figures. Raises OperatorError where it is another one, or not finished."""
+    place = folder / LONG if long else folder
+    attempt = _begin(place, table_set, ensemble, runs, quick, False, None)
+    return attempt.flight, store.collect(attempt.place, runs)
+
+
 class _Attempt(NamedTuple):
     number: int
     what: dict[str, Any]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ground.errors import OperatorError
+
+if TYPE_CHECKING:
+    from ground.campaign.ensemble import Ensemble
 
 HELP = "fly a fresh ensemble of outages and say with what confidence a set's bound holds"
 USUAL_RUNS, USUAL_LONG_RUNS = 12_000, 4008
@@ -41,12 +44,18 @@ def add_arguments(subparsers: Any) -> None:
     parser.add_argument(
         "--judge", action="store_true", help="fly nothing: sum up again what was flown, by whatever version of this"
     )
+    parser.add_argument(
+        "--reproduce",
+        type=int,
+        metavar="N",
+        help="fly N runs of a finished campaign again and compare their figures with what was certified; write nothing",
+    )
     parser.add_argument("--again", action="store_true", help="a new attempt even though the last one is finished")
 
 
 def run(args: argparse.Namespace) -> int:
     """Fly, write, print, return 0; targets that are missed are said, and are no error."""
-    for name, least in (("runs", 1), ("jobs", 1), ("chunk", 1)):
+    for name, least in (("runs", 1), ("jobs", 1), ("chunk", 1), ("reproduce", 1)):
         value = getattr(args, name)
         if value is not None and value < least:
             raise OperatorError(f"--{name} {value}: give {least} or more")
@@ -68,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
         ensemble = endurance.ensemble_of(ensemble, args.quick)
     runs = args.runs if args.runs is not None else quick if args.quick else usual
     jobs = args.jobs if args.jobs is not None else usual_jobs()
+    if args.reproduce is not None:
+        return _reproduce(args, folder, ensemble, runs)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     try:
         with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
@@ -103,3 +114,31 @@ def run(args: argparse.Namespace) -> int:
             print(f"  missed: {target.what}: {target.measured}, wanted {target.wanted}")
     print(f"written: {written}, {document}")
     return 0
+
+
+def _reproduce(args: argparse.Namespace, folder: Path, ensemble: Ensemble, runs: int) -> int:
+    """Say whether this software flies the runs of a campaign as they were flown; 0 where it does, else 1."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from ground.campaign import again
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
+        task = progress.add_task("flying again", total=args.reproduce)
+        found = again.fly_again(
+            folder,
+            args.table_set,
+            ensemble,
+            runs,
+            args.reproduce,
+            args.long,
+            args.quick,
+            lambda n: progress.advance(task, n),
+        )
+    print(f"{len(found.runs)} of {runs} runs flown again")
+    for one in found.differences:
+        print(f"  differs: {one.name} in {one.runs} of them, by up to {one.largest:.3g} of its size")
+    if not found.differences:
+        print(f"the same figures to {again.TOLERANCE:g}: this software flies what was certified")
+    return 1 if found.differences else 0

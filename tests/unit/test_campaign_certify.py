@@ -245,6 +245,15 @@ def test_the_command_flies_and_goes_on_where_it_was(
     assert outages.read_bytes() == before
     assert chunk.stat().st_mtime_ns == flown_at
     assert capsys.readouterr().out == said
+    # flown again they give the same figures; one that was another is named
+    assert ground_command.main([*command, "--reproduce", "2"]) == 0
+    assert "the same figures" in capsys.readouterr().out
+    held = store.load_outages(chunk)
+    held["error_m"][1, 5] += 0.5
+    store.save_chunk(tmp_path / "attempt-001", 0, 1, held)
+    assert ground_command.main([*command, "--reproduce", "2"]) == 1
+    assert "differs: error_m in 1 of them" in capsys.readouterr().out
+    assert ground_command.main([*command, "--reproduce", "3"]) == 2
 
 
 @pytest.mark.parametrize(
