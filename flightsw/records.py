@@ -39,7 +39,10 @@ GNSS_BIAS = slice(11, 14)  # m, RTN: error of GNSS positions that lasts for minu
 GNSS_PERIODIC = slice(14, 20)  # m, RTN: error with the period of the orbit; (in phase, in quadrature) for each axis
 
 # Where a table's certificate holds, and its grade, in the units of icd/certificate.py; all zero without one.
-_BOX = "grade altitude_min_km altitude_max_km certified_age_s f107_min f107_max fix_sigma_max_m convergence_s burns"
+_BOX = (
+    "grade altitude_min_km altitude_max_km certified_age_s f107_min f107_max fix_sigma_min_m fix_sigma_max_m "
+    "velocity_sigma_min_mps velocity_sigma_max_mps convergence_s burns"
+)
 ENVELOPE = tuple("envelope_" + name for name in _BOX.split())
 
 
@@ -95,8 +98,8 @@ NAV = np.dtype(
         ("history_UD", "f8", (HISTORY, STATES, STATES)),
         # fixes
         ("t_fix_gps_ns", "i8"),  # last accepted
-        ("sigma_fix_m", "f8"),  # that it claimed
-        ("t_start_gps_ns", "i8"),  # of the state, or end of the last burn that the certificate does not cover
+        ("t_start_gps_ns", "i8"),  # of the state, or the last burn or fix that the certificate does not cover
+        ("contradicted", "i8"),  # fixes replaced a state against its bound; until the operator resets the filter
         ("t_seen_gps_ns", "i8"),  # last that passed the time checks
         ("streak", "i8"),  # accepted without a rejection or an outage between
         ("mean_nis", "f8"),  # per degree of freedom, over the last clear_fixes of the streak

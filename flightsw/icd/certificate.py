@@ -58,11 +58,30 @@ CERTIFICATE = Schema(
         _real("certified_age_s", "s", 0.0, 1e8, "envelope: age of an outage up to which the bound was proven"),
         _real("f107_min", "sfu", 0.0, 1e3, "envelope: solar activity, of the force table in use"),
         _real("f107_max", "sfu", 0.0, 1e3, "envelope: solar activity, of the force table in use"),
+        _real("fix_sigma_min_m", "m", 0.0, 1e6, "envelope: position sigma that fixes claim"),
         _real("fix_sigma_max_m", "m", 0.0, 1e6, "envelope: position sigma that fixes claim"),
-        _real("convergence_s", "s", 0.0, 1e7, "envelope: aiding since the start, or since a burn not covered"),
+        _real("velocity_sigma_min_mps", "m/s", 0.0, 1e4, "envelope: velocity sigma that fixes claim"),
+        _real(
+            "velocity_sigma_max_mps", "m/s", 0.0, 1e4, "envelope: the same; 0: fixes without velocity, and only these"
+        ),
+        _real(
+            "convergence_s",
+            "s",
+            0.0,
+            1e7,
+            "envelope: covered fixes since the start, or since a burn or fix that is not",
+        ),
         _whole("burns", "0 no, 1 yes", 0, 1, "envelope: whether announced burns are covered"),
         _real("limits_m", "m", 0.0, 1e9, "permitted errors for which the flag was judged; 0: unused", LIMITS),
     ),
+)
+
+
+_RANGES = (
+    ("altitude_min_km", "altitude_max_km"),
+    ("f107_min", "f107_max"),
+    ("fix_sigma_min_m", "fix_sigma_max_m"),
+    ("velocity_sigma_min_mps", "velocity_sigma_max_mps"),
 )
 
 
@@ -143,7 +162,7 @@ def _check(values: np.ndarray) -> None:
     except TableRefused as error:
         raise CertificateRefused(str(error)) from error
     record = values[0]
-    for low, high in (("altitude_min_km", "altitude_max_km"), ("f107_min", "f107_max")):
+    for low, high in _RANGES:
         if record[low] > record[high]:
             raise CertificateRefused(f"certificate: {low} = {record[low]:g} exceeds {high} = {record[high]:g}")
     if record["violations"] > record["outages"]:

@@ -32,8 +32,43 @@ def note_burn(nav, table, burning, t_gps_ns):
 
 
 @kernel
+def note_fix(nav, table, t_gps_ns, sigma_m, sigma_mps):
+    """An accepted fix: of a kind that was never proven, convergence begins anew after it.
+
+    What it claims, largest axis [m, m/s]; sigma_mps is 0 where it brought no velocity, or none that was held against the
+    state. No campaign has flown a state made of positions alone, or of fixes better than its best.
+    """
+    if not is_certified(table):
+        return
+    # written so that NaN is outside
+    covered = (
+        table.envelope_fix_sigma_min_m <= sigma_m
+        and sigma_m <= table.envelope_fix_sigma_max_m
+        and table.envelope_velocity_sigma_min_mps <= sigma_mps
+        and sigma_mps <= table.envelope_velocity_sigma_max_mps
+    )
+    if not covered:
+        nav.t_start_gps_ns = t_gps_ns + 1  # after the fix: it proves nothing, even where no time is asked for
+
+
+@kernel
+def note_contradiction(nav, table):
+    """Fixes that agree with each other are about to replace a state that has converged and refuses them.
+
+    Which of the two is wrong cannot be told on board, a spoofer's fixes agree as well: the operator has to look.
+    """
+    if is_certified(table) and _has_converged(nav, table):
+        nav.contradicted = 1
+
+
+@kernel
+def _has_converged(nav, table):
+    return (nav.t_fix_gps_ns - nav.t_start_gps_ns) * 1e-9 >= table.envelope_convergence_s
+
+
+@kernel
 def covers(nav, table, f107, t_gps_ns):
-    """Whether a certified table holds for this state: height, age, activity, noise, time since convergence.
+    """Whether a certified table holds for this state: height, age, activity, time since convergence, no contradiction.
 
     f107: solar activity [sfu] of the force table in use; 0 where none flies.
     """
@@ -45,6 +80,6 @@ def covers(nav, table, f107, t_gps_ns):
         and height_km <= table.envelope_altitude_max_km
         and (t_gps_ns - nav.t_fix_gps_ns) * 1e-9 <= table.envelope_certified_age_s
         and (f107 == 0.0 or (table.envelope_f107_min <= f107 and f107 <= table.envelope_f107_max))
-        and nav.sigma_fix_m <= table.envelope_fix_sigma_max_m
-        and (nav.t_fix_gps_ns - nav.t_start_gps_ns) * 1e-9 >= table.envelope_convergence_s
+        and nav.contradicted == 0
+        and _has_converged(nav, table)
     )

@@ -6,7 +6,7 @@ import math
 
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import MeasurementType, RejectCause
-from flightsw.integrity import failure_flag
+from flightsw.integrity import envelope, failure_flag
 from flightsw.kernels import frames
 from flightsw.kernels.registry import kernel
 from flightsw.nav import antenna, chain, flight_filter, flight_model, stored_acceleration
@@ -30,9 +30,14 @@ USED = -1
 
 
 @kernel
+def _largest(sigma):
+    return max(sigma[0], max(sigma[1], sigma[2]))
+
+
+@kernel
 def row_for(table, inp):
     """Tuning row for the position sigma that a fix claims: the first that serves it, else the last."""
-    sigma_m = max(inp.fix_sigma_r_m[0], max(inp.fix_sigma_r_m[1], inp.fix_sigma_r_m[2]))
+    sigma_m = _largest(inp.fix_sigma_r_m)
     for row in range(table.tuning_rows):
         if sigma_m <= table.tuning_sigma_fix_m[row]:
             return row
@@ -131,9 +136,7 @@ def process(nav, table, model, inp, work, out):
         sigma_r_m = max(sigma_r_m, max(inp.fix_sigma_r_m[i], table.tuning_sigma_r_floor_m[row]))
         sigma_v_mps = max(sigma_v_mps, max(inp.fix_sigma_v_mps[i], table.tuning_sigma_v_floor_mps[row]))
 
-    claimed_m = max(inp.fix_sigma_r_m[0], max(inp.fix_sigma_r_m[1], inp.fix_sigma_r_m[2]))
     if not nav.initialised:
-        nav.sigma_fix_m = claimed_m
         frames.pole_gcrf(model.eop, t_gps_ns, work, nav.pole)
         if _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.init_fixes, work):
             if table.filter_model == flight_model.FLIGHT:
@@ -161,6 +164,7 @@ def process(nav, table, model, inp, work, out):
             nav.streak = 0
         if cause == _GATE and _offer(nav, table, inp, sigma_r_m, sigma_v_mps, table.reinit_fixes, work):
             _declare_unreliable(nav, out, _REINITIALISED)
+            envelope.note_contradiction(nav, table)
             _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work)
         return cause
     nav.fixes_accepted += 1
@@ -170,8 +174,11 @@ def process(nav, table, model, inp, work, out):
     nav.arc_count = 0
     nis_per_dof = out.nis / (flight_filter.degrees_of_freedom(out) if flying else MEASUREMENTS)
     nav.mean_nis += (nis_per_dof - nav.mean_nis) / min(nav.streak, table.clear_fixes)
-    nav.sigma_fix_m = claimed_m
     chain.commit(nav, table, model, t_gps_ns, row, work)
+    tested = out.type_cause[_VELOCITY] == USED or out.type_cause[_VELOCITY] == _GATE
+    envelope.note_fix(
+        nav, table, t_gps_ns, _largest(inp.fix_sigma_r_m), _largest(inp.fix_sigma_v_mps) if tested else 0.0
+    )
     if table.stored_da_use and nav.streak >= table.stored_da_after_fixes:
         stored_acceleration.store(nav, table, nav.x, t_gps_ns, work)
     bound_m = failure_flag.driving(table, nav.bound_own_m, nav.bound_own_3d_m)

@@ -144,6 +144,7 @@ def _obey(nav, table, inp):
     elif inp.command_id == _RESET_FILTER:
         _give_up(nav)
         nav.excluded[:] = 0
+        nav.contradicted = 0  # the operator has looked
     else:
         nav.rejected[_COMMAND_INVALID] += 1
 

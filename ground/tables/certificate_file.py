@@ -45,7 +45,10 @@ _PAIRS = {
     "altitude_max_km": (("altitude_km", "apogee_altitude_km"), 1),
     "f107_min": (("f107", "f107_sfu"), 0),
     "f107_max": (("f107", "f107_sfu"), 1),
+    "fix_sigma_min_m": (("sigma_position_m",), 0),
     "fix_sigma_max_m": (("sigma_position_m",), 1),
+    "velocity_sigma_min_mps": (("velocity_sigma_mps", "sigma_velocity_mps"), 0),
+    "velocity_sigma_max_mps": (("velocity_sigma_mps", "sigma_velocity_mps"), 1),
 }
 _FILLED_IN = ("stimulus_sha256", "issued_gps_ns")
 _OPTIONAL = {"attempt": 1, "limits_m": ()}

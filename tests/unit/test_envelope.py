@@ -20,17 +20,19 @@ from flight_bench import (
     steady_calls,
     two_body,
 )
+from flight_filter_bench import fixes_every_second, fly, flying_memory, kepler
 from harness import Flight, load
 
 from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
-from flightsw.icd.enums import BurnFrame, FlagState, Governing, Mode, Validity, Verdict
+from flightsw.icd.alerts import AlertId
+from flightsw.icd.enums import BurnFrame, FixType, FlagState, Governing, Mode, NavCommand, Validity, Verdict
 from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
 from flightsw.records import ENVELOPE
 from ground.tables.build import build_navigation
 
 ORBIT = circular_orbit(500e3)
-WIDE = {"convergence_s": 20.0, "certified_age_s": 5000.0, "fix_sigma_max_m": 5.0}
+WIDE = {"convergence_s": 20.0, "certified_age_s": 5000.0, "fix_sigma_max_m": 5.0, "velocity_sigma_max_mps": 5.0}
 
 
 def truth(t_gps_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,11 +81,15 @@ def test_trusted_only_after_convergence() -> None:
         {"altitude_min_km": 510.0},
         {"altitude_max_km": 490.0},
         {"fix_sigma_max_m": 0.9},
+        {"fix_sigma_min_m": 1.1},
+        {"velocity_sigma_max_mps": 0.9},
+        {"velocity_sigma_min_mps": 1.1},
+        {"velocity_sigma_min_mps": 0.0, "velocity_sigma_max_mps": 0.0},
     ],
     ids=lambda outside: next(iter(outside)),
 )
 def test_never_trusted_outside_the_envelope(outside: dict[str, float]) -> None:
-    """GIVEN 500 km and fixes that claim 1 m WHEN the certificate covers something else THEN NOT_CERTIFIED throughout,
+    """GIVEN 500 km and fixes that claim 1 m and 1 m/s WHEN the certificate covers something else THEN NOT_CERTIFIED throughout,
     with fixes and without, and the state is not valid; with a certificate that covers them, trusted."""
     inputs = steady_calls(90, truth, fix_stop_s=60)
     for changes, wanted in ((outside, {Verdict.NOT_CERTIFIED}), ({}, {Verdict.TRUSTED, Verdict.TRUSTED_COASTING})):
@@ -132,6 +138,81 @@ def burn_at(inputs: np.ndarray, k: int) -> None:
     inputs["burn_sigma_mps"][k] = 1e-4
 
 
+def doubted_after(verdicts: list[int], first: int) -> list[int]:
+    return [k for k, verdict in enumerate(verdicts) if verdict == Verdict.NOT_CERTIFIED and k >= first]
+
+
+@pytest.mark.parametrize("claim", [{"fix_sigma_r_m": 0.4}, {"fix_sigma_r_m": 6.0}, {"fix_sigma_v_mps": 6.0}])
+def test_fixes_that_are_not_covered_begin_convergence_anew(claim: dict[str, float]) -> None:
+    """GIVEN ten fixes that claim something else than was certified WHEN covered ones follow THEN NOT_CERTIFIED from the
+    first of them until 20 s after the last."""
+    inputs = steady_calls(130, truth)
+    for name, value in claim.items():
+        inputs[name][60:70] = value
+    verdicts, _ = flown(memory_with(), inputs)
+    doubted = doubted_after(verdicts, 50)
+    assert doubted == list(range(doubted[0], doubted[-1] + 1))
+    assert doubted[0] in (60, 61)
+    assert 88 <= doubted[-1] <= 91
+
+
+def test_positions_alone_are_trusted_only_where_they_were_certified() -> None:
+    """GIVEN the flight filter WHEN a receiver stops giving velocities THEN NOT_CERTIFIED while positions come alone and
+    20 s on; WHEN the certificate is one of positions alone THEN it is the velocities that are not covered."""
+    with_velocity = fixes_every_second(0, 200, kepler())
+    with_velocity["fix_has_velocity"][100:150] = 0
+    with_velocity["fix_type"][100:150] = int(FixType.POSITION_3D)
+    for changes, trusted in (
+        ({}, [(90, 100), (171, 200)]),
+        ({"velocity_sigma_min_mps": 0.0, "velocity_sigma_max_mps": 0.0}, [(121, 150)]),
+    ):
+        memory = flying_memory()
+        bounds = {**WIDE, "fix_sigma_max_m": 20.0, **changes}
+        memory.load_envelope(certificate(decode(build_navigation("flight")), **bounds))
+        verdicts = fly(memory, with_velocity)["verdict"].tolist()
+        for k, verdict in enumerate(verdicts[90:], 90):
+            if any(first <= k < stop for first, stop in trusted):
+                assert verdict == Verdict.TRUSTED
+            elif not any(first - 2 <= k < stop + 2 for first, stop in trusted):
+                assert verdict == Verdict.NOT_CERTIFIED
+
+
+def wrong_by(inputs: np.ndarray, part: slice, metres: float) -> None:
+    r, _ = truth(inputs["fix_gps_ns"][part])
+    inputs["fix_r_itrf_m"][part] *= 1.0 + metres / np.linalg.norm(r, axis=1)[:, None]
+
+
+def test_fixes_that_overrule_a_converged_state_are_for_the_operator_to_judge() -> None:
+    """GIVEN a state that is trusted WHEN fixes a kilometre away agree with each other THEN it is replaced, the flag
+    clears by the table's rules, and the verdict stays NOT_CERTIFIED through an outage and back, until the operator
+    resets the filter: then it is trusted again after convergence."""
+    inputs = steady_calls(320, truth)
+    inputs["fix_present"][160:200] = 0
+    wrong_by(inputs, slice(80, 320), 1000.0)
+    inputs["command_present"][240] = 1
+    inputs["command_id"][240] = int(NavCommand.RESET_FILTER)
+    memory = memory_with()
+    rows = [(int(o.verdict), int(o.flag), int(o.events)) for o in run(memory, inputs)]
+    restart = 1 << int(AlertId.REINITIALISED)
+    overruled = next(k for k, row in enumerate(rows) if row[2] & restart)
+    assert rows[overruled - 1][0] == Verdict.TRUSTED_COASTING
+    cleared = next(k for k, row in enumerate(rows) if k > overruled and row[1] == FlagState.CLEAR)
+    assert {row[0] for row in rows[cleared:240]} == {Verdict.NOT_CERTIFIED}
+    assert {row[0] for row in rows[overruled:cleared]} == {Verdict.DO_NOT_USE}
+    assert {row[0] for row in rows[310:]} == {Verdict.TRUSTED}
+
+
+def test_a_wrong_start_that_was_never_trusted_leaves_no_trace() -> None:
+    """GIVEN a start from fixes a kilometre away WHEN ten agreeing ones replace it before it has converged THEN their
+    state is trusted after convergence."""
+    inputs = steady_calls(120, truth)
+    wrong_by(inputs, slice(0, 12), 1000.0)
+    memory = memory_with()
+    rows = [(int(o.verdict), int(o.events)) for o in run(memory, inputs)]
+    assert any(events & (1 << int(AlertId.REINITIALISED)) for _, events in rows)
+    assert {verdict for verdict, _ in rows[80:]} == {Verdict.TRUSTED}
+
+
 @pytest.mark.parametrize("covered", [True, False])
 def test_a_burn_that_is_not_covered_begins_convergence_anew(covered: bool) -> None:
     """GIVEN a burn of 10 s from 65 s on, announced WHEN the certificate does not cover burns THEN NOT_CERTIFIED from
@@ -139,7 +220,7 @@ def test_a_burn_that_is_not_covered_begins_convergence_anew(covered: bool) -> No
     inputs = steady_calls(130, truth)
     burn_at(inputs, 60)
     verdicts, _ = flown(memory_with(burns=int(covered)), inputs)
-    doubted = [k for k, verdict in enumerate(verdicts) if verdict == Verdict.NOT_CERTIFIED and k > 50]
+    doubted = doubted_after(verdicts, 51)
     if covered:
         assert doubted == []
     else:

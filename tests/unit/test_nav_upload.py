@@ -240,6 +240,7 @@ def test_nothing_is_certified_of_it_until_fixes_have_converged() -> None:
         "f107_min": 60.0,
         "f107_max": 300.0,
         "fix_sigma_max_m": 20.0,
+        "velocity_sigma_max_mps": 0.5,
         "convergence_s": 60.0,
         "burns": 1.0,
     }.items():
