@@ -35,8 +35,8 @@ def note_burn(nav, table, burning, t_gps_ns):
 def note_fix(nav, table, t_gps_ns, sigma_m, sigma_mps):
     """An accepted fix: of a kind that was never proven, convergence begins anew after it.
 
-    What it claims, largest axis [m, m/s]; sigma_mps is 0 where it brought no velocity, or none that was held against the
-    state. No campaign has flown a state made of positions alone, or of fixes better than its best.
+    What it claims, largest axis [m, m/s]; sigma_mps is 0 where it brought no velocity, or none that was held against
+    the state. No campaign has flown a state made of positions alone, or of fixes better than its best.
     """
     if not is_certified(table):
         return

@@ -23,8 +23,8 @@ from flight_bench import (
 from flight_filter_bench import fixes_every_second, fly, flying_memory, kepler
 from harness import Flight, load
 
-from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
 from flightsw.icd.alerts import AlertId
+from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
 from flightsw.icd.enums import BurnFrame, FixType, FlagState, Governing, Mode, NavCommand, Validity, Verdict
 from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
@@ -89,8 +89,8 @@ def test_trusted_only_after_convergence() -> None:
     ids=lambda outside: next(iter(outside)),
 )
 def test_never_trusted_outside_the_envelope(outside: dict[str, float]) -> None:
-    """GIVEN 500 km and fixes that claim 1 m and 1 m/s WHEN the certificate covers something else THEN NOT_CERTIFIED throughout,
-    with fixes and without, and the state is not valid; with a certificate that covers them, trusted."""
+    """GIVEN 500 km and fixes that claim 1 m and 1 m/s WHEN the certificate covers something else THEN NOT_CERTIFIED
+    throughout, with fixes and without, and the state is not valid; with a certificate that covers them, trusted."""
     inputs = steady_calls(90, truth, fix_stop_s=60)
     for changes, wanted in ((outside, {Verdict.NOT_CERTIFIED}), ({}, {Verdict.TRUSTED, Verdict.TRUSTED_COASTING})):
         verdicts, validity = flown(memory_with(**changes), inputs)
