@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flightsw.icd.enums import FlagState, Mode, Validity
+from flightsw.icd.enums import FlagState, Mode, Validity, Verdict
 
 SETTLING_S = 600.0  # after the first INTEGRATED tick, before the integrated figures begin
 STALL_GROWTH = 0.02  # a bound that grows by less over the last third of an outage has settled
@@ -40,6 +40,7 @@ class Record:
     fix_age_s: np.ndarray
     mode: np.ndarray
     flag: np.ndarray
+    verdict: np.ndarray
 
 
 def evaluate_run(folder: Path) -> dict[str, Any]:
@@ -49,7 +50,7 @@ def evaluate_run(folder: Path) -> dict[str, Any]:
 
 
 def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The keys `integrated`, `outages`, `fault_of_table` and `ticks_without_output` of summary.json; `burns` if any.
+    """The keys `integrated`, `outages`, `fault_of_table`, `ticks_without_output`, `said`; `burns` if any.
 
     Figures that were not reached are None; no NaN leaves this function.
     """
@@ -69,8 +70,14 @@ def evaluate(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray])
         "outages": outages,
         "fault_of_table": " ".join(faults) or None,
         "ticks_without_output": int(np.count_nonzero(~record.offered)),
+        "said": _said(record.verdict),
         **({"burns": _burns(truth)} if "burn_start_s" in truth else {}),
     }
+
+
+def _said(verdict: np.ndarray) -> dict[str, float]:
+    """Share of the ticks at which flight said each verdict."""
+    return {one.name: round(float(np.mean(verdict == one)), 4) for one in Verdict if np.any(verdict == one)}
 
 
 def _burns(truth: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
@@ -110,6 +117,7 @@ def align(truth: Mapping[str, np.ndarray], monitor: Mapping[str, np.ndarray]) ->
         fix_age_s=integrity["fix_age_s"].astype(np.float64),
         mode=integrity["mode"].astype(np.int64),
         flag=integrity["flag_state"].astype(np.int64),
+        verdict=integrity["verdict"].astype(np.int64),
     )
 
 

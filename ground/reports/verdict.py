@@ -180,7 +180,14 @@ def _outage_rows(outage: Mapping[str, Any], brief: bool) -> Iterator[tuple[str, 
 
 
 def _footing(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Bus, link and speed: one line each."""
+    """What flight said, bus, link and speed: one line each."""
+    said = summary.get("said")
+    if isinstance(said, Mapping):
+        shares = sorted(((share, word) for word, share in said.items()), reverse=True)
+        words = ", ".join(
+            f"{word.replace('_', NO_BREAK)}{NO_BREAK}{100.0 * share:.3g}{NO_BREAK}%" for share, word in shares
+        )
+        yield from _hanging(f"  {'flight said':<{LABEL}}", words)
     bus, link = summary.get("bus") or {}, summary.get("mavlink") or {}
     causes = summary.get("rejected_by_cause") or {}
     yield (

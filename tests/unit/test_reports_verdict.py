@@ -49,6 +49,12 @@ def summary(*outages: dict[str, Any], **more: Any) -> dict[str, Any]:
     } | more
 
 
+def test_the_screen_tells_what_flight_said_most_first() -> None:
+    screen = render_verdict(summary(OUTAGE, said={"NOT_READY": 0.0004, "TRUSTED": 0.875, "DO_NOT_USE": 0.1246}))
+    (line,) = [one for one in screen.replace("\u00a0", " ").splitlines() if "flight said" in one]
+    assert line.split("flight said")[1].strip() == "TRUSTED 87.5 %, DO NOT USE 12.5 %, NOT READY 0.04 %"
+
+
 @pytest.mark.parametrize(
     ("changes", "word"),
     [

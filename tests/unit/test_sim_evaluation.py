@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
+from flightsw.icd.enums import Verdict
 from hil_sim import evaluation
 
 T0_NS = 1_230_336_000 * 10**9
@@ -114,6 +115,14 @@ def test_a_bound_that_is_no_number_covers_nothing() -> None:
     truth, monitor = made_up_run()
     monitor["integrity"]["bound_m"][11_000:11_100] = np.nan
     assert evaluation.evaluate(truth, monitor)["outages"][0]["violations"] == 100
+
+
+def test_what_flight_said_is_counted_tick_by_tick() -> None:
+    """GIVEN TRUSTED for three quarters and DO_NOT_USE for the rest WHEN evaluated THEN these shares and no other."""
+    truth, monitor = made_up_run()
+    monitor["integrity"]["verdict"] = Verdict.TRUSTED
+    monitor["integrity"]["verdict"][27_000:] = Verdict.DO_NOT_USE
+    assert evaluation.evaluate(truth, monitor)["said"] == {"TRUSTED": 0.75, "DO_NOT_USE": 0.25}
 
 
 def test_silence_is_counted_apart() -> None:
