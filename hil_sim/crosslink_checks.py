@@ -17,6 +17,8 @@ def check_crosslinks(scenario: Scenario) -> Iterator[Problem]:
         if scenario.crosslink_fault:
             yield Problem("crosslink_fault", "there is no constellation", "add [crosslink], or remove the faults")
         return
+    if "crosslink" not in scenario.flight.functions:
+        yield Problem("crosslink", "no flight function would hear it", 'set flight.functions.crosslink = "crosslink"')
     if link.satellites % link.planes or link.phasing >= link.planes:
         yield Problem(
             "crosslink.planes",

@@ -26,7 +26,6 @@ class Crosslink(Section, frozen=True):
     planes: Annotated[int, Meta(ge=1, le=8, description="that hold equal numbers of them")] = 3
     phasing: Annotated[int, Meta(ge=0, le=7, description="of the Walker pattern, 0 to planes - 1")] = 1
     own: Annotated[int, Meta(ge=1, le=MAXIMUM_SATELLITES, description="number of the flown satellite, from 1")] = 1
-    table_set: Annotated[str, Meta(description="set of the monitor's parameters, by name")] = "crosslink"
     period_s: Annotated[float, _range(1.0, 5.0, "from one epoch of ranges to the next in seconds")] = 1.0
     sigma_range_m: Annotated[float, _range(0.0, 1e3, "white noise of a range in metres")] = 11.8
     bias_m: Annotated[float, _range(-1e3, 1e3, "the same error of all ranges in metres")] = 0.0

@@ -109,7 +109,7 @@ def check(sky: Pseudoranges | None, faults: tuple[SatelliteFault, ...], flies: b
             yield Wrong("satellite_fault.0.kind", "there are no pseudoranges to be wrong", "add [pseudoranges]")
         return
     if not flies:
-        yield Wrong("pseudoranges", "no flight function would hear them", 'set flight.gnss_set = "gnss"')
+        yield Wrong("pseudoranges", "no flight function would hear them", 'set flight.functions.gnss = "gnss"')
     for i, name in enumerate(sky.constellations):
         if name not in SYSTEMS or name in sky.constellations[:i]:
             yield Wrong(

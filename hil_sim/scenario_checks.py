@@ -29,7 +29,12 @@ def check_events(scenario: Scenario) -> Iterator[Problem]:
         yield from _check_fault(f"fault.{i}", fault, scenario)
     yield from _check_recording(scenario)
     yield from check_crosslinks(scenario)
-    flies = scenario.flight.gnss_set is not None
+    for kind in scenario.flight.function_table:
+        if kind not in scenario.flight.functions:
+            yield Problem(
+                f"flight.function_table.{kind}", "no such function flies", f'set flight.functions.{kind} = "{kind}"'
+            )
+    flies = "gnss" in scenario.flight.functions
     for wrong in check_pseudoranges(scenario.pseudoranges, scenario.satellite_fault, flies, scenario.time.duration_s):
         yield Problem(*wrong)
 

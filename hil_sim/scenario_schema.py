@@ -195,20 +195,16 @@ class Command(Section, kw_only=True, frozen=True):
 
 
 class Flight(Section, frozen=True):
-    """Which navigation table flies, and overrides of its fields (checked when the table is built)."""
+    """Which tables fly, and overrides of their fields (checked when the table is built)."""
 
     table_set: Annotated[str, Meta(description="set of navigation parameters, by name")]
     table: Annotated[dict[str, Any], Meta(description="fields of the table to override")] = field(default_factory=dict)
-    gnss_set: (
-        Annotated[str, Meta(description="set of the consistency test of pseudoranges, by name; none: no such test")]
-        | None
-    ) = None
-    gnss_table: Annotated[dict[str, Any], Meta(description="fields of its table to override")] = field(
-        default_factory=dict
-    )
     functions: Annotated[
-        tuple[str, ...], Meta(description="functions beside navigation that fly, by kind of table")
-    ] = ()
+        dict[str, str], Meta(description="functions beside navigation that fly: kind of table = name of the set")
+    ] = field(default_factory=dict)
+    function_table: Annotated[
+        dict[str, dict[str, Any]], Meta(description="fields of their tables to override, by kind of table")
+    ] = field(default_factory=dict)
     allow_saturating: Annotated[
         bool, Meta(description="for a study: fly a table whose bound settles below its limit, which flight refuses")
     ] = False

@@ -164,15 +164,13 @@ def build_tables(loaded: LoadedScenario, folder: Path) -> tuple[TableImage, Tabl
 
 
 def function_tables(loaded: LoadedScenario) -> dict[str, bytes]:
-    """Images, by kind, of the functions beside navigation that the scenario has something for."""
+    """Images, by kind, of the functions beside navigation that the scenario flies."""
     flight, link = loaded.scenario.flight, loaded.scenario.crosslink
-    images = {kind: build_function(kind, kind) for kind in flight.functions}
-    if flight.gnss_set is not None:
-        images["gnss"] = build_function("gnss", flight.gnss_set, flight.gnss_table)
-    if link is not None:
+    changes = {kind: dict(table) for kind, table in flight.function_table.items()}
+    if link is not None:  # what the constellation is, its satellite knows
         who = {"satellites": link.satellites, "own": link.own - 1, "two_way": int(link.two_way), "both": int(link.both)}
-        images["crosslink"] = build_function("crosslink", link.table_set, {**who, "epoch_s": link.period_s})
-    return images
+        changes["crosslink"] = {**who, "epoch_s": link.period_s, **changes.get("crosslink", {})}
+    return {kind: build_function(kind, name, changes.get(kind)) for kind, name in flight.functions.items()}
 
 
 def _fly(

@@ -30,7 +30,7 @@ def test_a_fix_that_nothing_can_contradict_is_offered_only_where_the_table_says_
     wants it, and the alert is up where it is not.
     """
     few = ('pseudoranges.constellations=["gps", "galileo"]', "pseudoranges.mask_deg=40")
-    flight = fly(*few, f"flight.gnss_table={{offer_untested={offer}}}")
+    flight = fly(*few, f"flight.function_table.gnss={{offer_untested={offer}}}")
     found = checks(flight)
     untested = found["gnss_verdict"] == GnssVerdict.UNTESTED
     assert untested.sum() >= 40
@@ -46,7 +46,7 @@ def test_a_level_beyond_its_limit_is_told_and_holds_the_fix_back_only_by_table(h
     all the same unless the table holds them back (docs/adr/0019).
     """
     tight = "alert_limit_east_m=2.0, alert_limit_north_m=2.0, alert_limit_up_m=3.0"
-    flight = fly(f"flight.gnss_table={{{tight}, hold_beyond_limit={hold}}}")
+    flight = fly(f"flight.function_table.gnss={{{tight}, hold_beyond_limit={hold}}}")
     found = checks(flight)
     assert not found["available"].any()
     tested = found["gnss_verdict"] <= GnssVerdict.EXCLUDED

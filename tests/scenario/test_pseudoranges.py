@@ -19,7 +19,7 @@ FAULTS = (
     f'{{kind="step", constellation="glonass", count=1, start_s={START_S}, duration_s=60.0, value=-80.0}}',
     f'{{kind="step", constellation="galileo", count=1, start_s={START_S}, duration_s=60.0, value=60.0}}',
 )
-NO_TEST = 'flight.gnss_table={consistency="none"}'
+NO_TEST = 'flight.function_table.gnss={consistency="none"}'
 ONE_RAMP = ('{kind="ramp", constellation="gps", count=1, start_s=180.0, duration_s=90.0, value=1.0}',)
 
 

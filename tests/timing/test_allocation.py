@@ -29,7 +29,7 @@ def fly(flight: Flight, ticks: int) -> None:
 
 SETTINGS = {
     "fixes": (),
-    "velocity check beside": ('flight.functions=["velocity_check"]',),
+    "velocity check beside": ('flight.functions.velocity_check="velocity_check"',),
     "outage": ("outage=[{start_s=320.0, duration_s=900.0}]",),
     "refused fixes and damaged frames": (
         faults(

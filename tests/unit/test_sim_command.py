@@ -45,13 +45,14 @@ def test_keys_explains_every_key_and_every_kind_of_fault(capsys: pytest.CaptureF
         [
             *("attitude.sigma_rad=0.1", "fault.0.kind=nan", "fault.0.start_s=1"),
             *("command.0.at_s=1", "command.0.command=reset_filter"),
-            *("pseudoranges.rate_hz=1.0", 'flight.gnss_set="gnss"'),
+            *("pseudoranges.rate_hz=1.0", 'flight.functions.gnss="gnss"'),
             *("satellite_fault.0.kind=nan", "satellite_fault.0.start_s=1", "satellite_fault.0.duration_s=1"),
-            *("crosslink.own=1", "crosslink_fault.0.satellites=[1]"),
+            *('flight.functions.crosslink="crosslink"', "crosslink.own=1", "crosslink_fault.0.satellites=[1]"),
             *("crosslink_fault.0.start_s=1", "crosslink_fault.0.jump_m=[1.0,0.0,0.0,0.0]"),
         ],
     )
-    assert set(explained) == {re.sub(r"\.\d+\.", ".N.", key) for key in every.origin}
+    shown = {re.sub(r"\.\d+\.", ".N.", key) for key in every.origin}
+    assert set(explained) == {re.sub(r"(flight\.functions)\..*", r"\1", key) for key in shown}
     for key, line in explained.items():
         meaning = re.split(r"\s{2,}", line, maxsplit=2)[2]
         assert re.search("[a-z]{3}", meaning), key

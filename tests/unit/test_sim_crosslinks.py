@@ -151,6 +151,7 @@ def test_adding_crosslinks_leaves_the_receivers_noise_as_it_was() -> None:
     ("settings", "said"),
     [
         (("crosslink.planes=5",), "no Walker pattern 24/5/1"),
+        (("flight.functions={}",), "no flight function would hear it; set flight.functions.crosslink"),
         (("crosslink.own=25",), "25 is not one of 24"),
         (("crosslink.spread_s=1.0",), "an epoch would end after the next began"),
         (("crosslink.period_s=1.05",), "no whole number"),

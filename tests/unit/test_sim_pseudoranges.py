@@ -143,7 +143,7 @@ def test_no_tick_is_flooded_and_every_epoch_is_whole() -> None:
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ('flight.gnss_set="nothing"', None),
+        ('flight.functions.gnss="nothing"', None),
         ('pseudoranges.constellations=["gps", "qzss"]', "pseudoranges.constellations: 'qzss'"),
         ('pseudoranges.law="cauchy"', "pseudoranges.law"),
         ('satellite_fault=[{kind="step", start_s=1.0, duration_s=1.0}]', "satellite_fault.0.value"),
@@ -156,7 +156,8 @@ def test_what_cannot_be_is_refused_by_key(setting: str, told: str | None) -> Non
     """GIVEN a scenario with one mistake THEN it is refused, and the key and the remedy are named."""
     settings = ["time.duration_s=60", "outage=[]", "satellite_fault=[]", setting]
     if told is None:
-        assert scenario.load("gnss_faults", settings).scenario.flight.gnss_set == "nothing"  # the builder refuses it
+        flies = scenario.load("gnss_faults", settings).scenario.flight.functions
+        assert flies["gnss"] == "nothing"  # the builder refuses it
         return
     with pytest.raises(ScenarioError, match=told.replace(".", r"\.").replace("'", ".")):
         scenario.load("gnss_faults", settings)
@@ -165,3 +166,8 @@ def test_what_cannot_be_is_refused_by_key(setting: str, told: str | None) -> Non
 def test_pseudoranges_need_somebody_who_hears_them() -> None:
     with pytest.raises(ScenarioError, match="no flight function"):
         scenario.load("two_orbits", ["pseudoranges.sigma_m=1.0"])
+
+
+def test_a_table_changed_is_one_that_flies() -> None:
+    with pytest.raises(ScenarioError, match=r"function_table\.gnss: no such function flies; set flight"):
+        scenario.load("two_orbits", ["flight.function_table.gnss={clear_epochs=6}"])
