@@ -85,6 +85,7 @@ class Publisher:
             out[at["da_coverage_pct"]],
             out[at["da_source"]],
             certificate,
+            out[at["uncovered"]],
         )
 
     def time_to_flag(self, unix_ns: int, t_gps_ns: int, left_s: float, age_s: float, governing: int, lost: int) -> None:

@@ -228,6 +228,7 @@ OUTPUT = np.dtype(
         ("mode", "i8"),
         ("flag", "i8"),
         ("verdict", "i8"),
+        ("uncovered", "i8"),  # Uncovered: why a certified table's verdict is NOT_CERTIFIED
         ("validity", "i8"),
         ("driver", "i8"),
         ("streak", "i8"),

@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.icd.frame_layout import FrameLayout as FrameLayout
 
-ICD_VERSION = "2.1"
+ICD_VERSION = "2.2"
 
 TIME_SYNC = FrameLayout(
     name="TIME_SYNC",
@@ -855,7 +855,7 @@ INTEGRITY = FrameLayout(
     data_id=0x7F19,
     data_id_bytes=bytes((0x19, 0x7F)),
     sender="FLIGHT",
-    struct_format="<qdffQffffBBBBHBBB4xBH",
+    struct_format="<qdffQffffBBBBHBBBB3xBH",
     field_names=(
         "t_gps_ns",
         "bound_m",
@@ -874,6 +874,7 @@ INTEGRITY = FrameLayout(
         "stored_da_coverage_pct",
         "da_source",
         "certificate",
+        "uncovered",
         "counter",
         "crc",
     ),
@@ -897,6 +898,7 @@ INTEGRITY = FrameLayout(
                 "stored_da_coverage_pct",
                 "da_source",
                 "certificate",
+                "uncovered",
                 "counter",
                 "crc",
             ],
@@ -915,6 +917,7 @@ INTEGRITY = FrameLayout(
                 "u1",
                 "u1",
                 "<u2",
+                "u1",
                 "u1",
                 "u1",
                 "u1",
@@ -939,6 +942,7 @@ INTEGRITY = FrameLayout(
                 54,  # stored_da_coverage_pct [%]
                 55,  # da_source [-]
                 56,  # certificate [-]
+                57,  # uncovered [-]
                 61,  # counter [-]
                 62,  # crc [-]
             ],

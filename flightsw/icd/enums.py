@@ -36,6 +36,17 @@ class Verdict(IntEnum):
     NOT_CERTIFIED = 4  # nothing was proven for this table, or not for here and now
 
 
+class Uncovered(IntEnum):
+    """What keeps a certified table's state outside of what was proven (DBC signal `uncovered`); the first that does."""
+
+    NOTHING = 0  # covered, or there is no certificate
+    HEIGHT = 1
+    AGE = 2  # of the outage
+    ACTIVITY = 3  # of the Sun
+    OVERRULED = 4  # fixes replaced a converged state against its bound; until the operator resets the filter
+    CONVERGENCE = 5  # not yet aided for long enough since the start, a burn, or a fix of a kind that was not flown
+
+
 class Validity(IntFlag):
     """Bits of the DBC signal `validity`."""
 

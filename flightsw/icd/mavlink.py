@@ -1318,6 +1318,24 @@ enums["LEONAV_CERTIFICATE"][2] = EnumEntry("LEONAV_CERTIFICATE_FULL", """""")
 LEONAV_CERTIFICATE_ENUM_END = 3
 enums["LEONAV_CERTIFICATE"][3] = EnumEntry("LEONAV_CERTIFICATE_ENUM_END", """""")
 
+# LEONAV_UNCOVERED
+enums["LEONAV_UNCOVERED"] = Enum()
+enums["LEONAV_UNCOVERED"].bitmask = False
+LEONAV_UNCOVERED_NOTHING = 0
+enums["LEONAV_UNCOVERED"][0] = EnumEntry("LEONAV_UNCOVERED_NOTHING", """Covered, or there is no certificate.""")
+LEONAV_UNCOVERED_HEIGHT = 1
+enums["LEONAV_UNCOVERED"][1] = EnumEntry("LEONAV_UNCOVERED_HEIGHT", """""")
+LEONAV_UNCOVERED_AGE = 2
+enums["LEONAV_UNCOVERED"][2] = EnumEntry("LEONAV_UNCOVERED_AGE", """Of the outage.""")
+LEONAV_UNCOVERED_ACTIVITY = 3
+enums["LEONAV_UNCOVERED"][3] = EnumEntry("LEONAV_UNCOVERED_ACTIVITY", """Of the Sun.""")
+LEONAV_UNCOVERED_OVERRULED = 4
+enums["LEONAV_UNCOVERED"][4] = EnumEntry("LEONAV_UNCOVERED_OVERRULED", """Fixes replaced a converged state against its bound; until the filter is reset by command.""")
+LEONAV_UNCOVERED_CONVERGENCE = 5
+enums["LEONAV_UNCOVERED"][5] = EnumEntry("LEONAV_UNCOVERED_CONVERGENCE", """Not aided for long enough since the start, a burn, or a fix of a kind that was not flown.""")
+LEONAV_UNCOVERED_ENUM_END = 6
+enums["LEONAV_UNCOVERED"][6] = EnumEntry("LEONAV_UNCOVERED_ENUM_END", """""")
+
 # LEONAV_GOVERNING
 enums["LEONAV_GOVERNING"] = Enum()
 enums["LEONAV_GOVERNING"].bitmask = False
@@ -2733,22 +2751,22 @@ class MAVLink_leonav_integrity_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_LEONAV_INTEGRITY
     msgname = "LEONAV_INTEGRITY"
-    fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "fix_age_s", "outage_age_s", "flag_age_s", "alerts", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source"]
-    ordered_fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "alerts", "fix_age_s", "outage_age_s", "flag_age_s", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source"]
-    fieldtypes = ["int64_t", "double", "double", "double", "float", "float", "float", "uint64_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "fix_age_s", "outage_age_s", "flag_age_s", "alerts", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source", "uncovered"]
+    ordered_fieldnames = ["t_gps_ns", "bound_m", "limit_m", "bound_3d_m", "alerts", "fix_age_s", "outage_age_s", "flag_age_s", "table_crc32", "accepted_streak", "mode", "flag_state", "verdict", "driver", "certificate", "stored_da_coverage_pct", "da_source", "uncovered"]
+    fieldtypes = ["int64_t", "double", "double", "double", "float", "float", "float", "uint64_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
-    fieldenums_by_name: Dict[str, str] = {"mode": "LEONAV_MODE", "flag_state": "LEONAV_FLAG_STATE", "verdict": "LEONAV_VERDICT", "driver": "LEONAV_DRIVER", "certificate": "LEONAV_CERTIFICATE", "da_source": "LEONAV_DA_SOURCE"}
+    fieldenums_by_name: Dict[str, str] = {"mode": "LEONAV_MODE", "flag_state": "LEONAV_FLAG_STATE", "verdict": "LEONAV_VERDICT", "driver": "LEONAV_DRIVER", "certificate": "LEONAV_CERTIFICATE", "da_source": "LEONAV_DA_SOURCE", "uncovered": "LEONAV_UNCOVERED"}
     fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "bound_m": "m", "limit_m": "m", "bound_3d_m": "m", "fix_age_s": "s", "outage_age_s": "s", "flag_age_s": "s", "stored_da_coverage_pct": "%"}
-    native_format = bytearray(b"<qdddQfffIHBBBBBBB")
-    orders = [0, 1, 2, 3, 5, 6, 7, 4, 8, 9, 10, 11, 12, 13, 14, 15, 16]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    native_format = bytearray(b"<qdddQfffIHBBBBBBBB")
+    orders = [0, 1, 2, 3, 5, 6, 7, 4, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 119
-    unpacker = struct.Struct("<qdddQfffIHBBBBBBB")
+    unpacker = struct.Struct("<qdddQfffIHBBBBBBBB")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int):
+    def __init__(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int, uncovered: int = 0):
         MAVLink_message.__init__(self, MAVLink_leonav_integrity_message.id, MAVLink_leonav_integrity_message.msgname)
         self._fieldnames = MAVLink_leonav_integrity_message.fieldnames
         self._instance_field = MAVLink_leonav_integrity_message.instance_field
@@ -2770,9 +2788,10 @@ class MAVLink_leonav_integrity_message(MAVLink_message):
         self.certificate = certificate
         self.stored_da_coverage_pct = stored_da_coverage_pct
         self.da_source = da_source
+        self.uncovered = uncovered
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.bound_m, self.limit_m, self.bound_3d_m, self.alerts, self.fix_age_s, self.outage_age_s, self.flag_age_s, self.table_crc32, self.accepted_streak, self.mode, self.flag_state, self.verdict, self.driver, self.certificate, self.stored_da_coverage_pct, self.da_source), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.bound_m, self.limit_m, self.bound_3d_m, self.alerts, self.fix_age_s, self.outage_age_s, self.flag_age_s, self.table_crc32, self.accepted_streak, self.mode, self.flag_state, self.verdict, self.driver, self.certificate, self.stored_da_coverage_pct, self.da_source, self.uncovered), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -3819,7 +3838,7 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
-    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 5) -> MAVLink_heartbeat_message:
+    def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 6) -> MAVLink_heartbeat_message:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -3839,7 +3858,7 @@ class MAVLink(object):
         """
         return MAVLink_heartbeat_message(type, autopilot, base_mode, custom_mode, system_status, mavlink_version)
 
-    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 5, force_mavlink1: bool = False) -> None:
+    def heartbeat_send(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 6, force_mavlink1: bool = False) -> None:
         """
         The heartbeat message shows that a system or component is present and
         responding. The type and autopilot fields (along with the
@@ -4645,7 +4664,7 @@ class MAVLink(object):
         """
         self.send(self.leonav_nav_state_encode(t_gps_ns, r_gcrf_m, v_gcrf_mps, mode, validity, flag_state), force_mavlink1=force_mavlink1)
 
-    def leonav_integrity_encode(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int) -> MAVLink_leonav_integrity_message:
+    def leonav_integrity_encode(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int, uncovered: int = 0) -> MAVLink_leonav_integrity_message:
         """
         What flight knows of its own error: bound against limit, flag,
         verdict.
@@ -4667,11 +4686,12 @@ class MAVLink(object):
         certificate               : What stands behind the navigation table. (type:uint8_t, values:LEONAV_CERTIFICATE)
         stored_da_coverage_pct        : Share of the orbit covered by stored dA. [%] (type:uint8_t)
         da_source                 : Where the flown dA comes from. (type:uint8_t, values:LEONAV_DA_SOURCE)
+        uncovered                 : Why a certified table is NOT_CERTIFIED here and now. (type:uint8_t, values:LEONAV_UNCOVERED)
 
         """
-        return MAVLink_leonav_integrity_message(t_gps_ns, bound_m, limit_m, bound_3d_m, fix_age_s, outage_age_s, flag_age_s, alerts, table_crc32, accepted_streak, mode, flag_state, verdict, driver, certificate, stored_da_coverage_pct, da_source)
+        return MAVLink_leonav_integrity_message(t_gps_ns, bound_m, limit_m, bound_3d_m, fix_age_s, outage_age_s, flag_age_s, alerts, table_crc32, accepted_streak, mode, flag_state, verdict, driver, certificate, stored_da_coverage_pct, da_source, uncovered)
 
-    def leonav_integrity_send(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int, force_mavlink1: bool = False) -> None:
+    def leonav_integrity_send(self, t_gps_ns: int, bound_m: float, limit_m: float, bound_3d_m: float, fix_age_s: float, outage_age_s: float, flag_age_s: float, alerts: int, table_crc32: int, accepted_streak: int, mode: int, flag_state: int, verdict: int, driver: int, certificate: int, stored_da_coverage_pct: int, da_source: int, uncovered: int = 0, force_mavlink1: bool = False) -> None:
         """
         What flight knows of its own error: bound against limit, flag,
         verdict.
@@ -4693,9 +4713,10 @@ class MAVLink(object):
         certificate               : What stands behind the navigation table. (type:uint8_t, values:LEONAV_CERTIFICATE)
         stored_da_coverage_pct        : Share of the orbit covered by stored dA. [%] (type:uint8_t)
         da_source                 : Where the flown dA comes from. (type:uint8_t, values:LEONAV_DA_SOURCE)
+        uncovered                 : Why a certified table is NOT_CERTIFIED here and now. (type:uint8_t, values:LEONAV_UNCOVERED)
 
         """
-        self.send(self.leonav_integrity_encode(t_gps_ns, bound_m, limit_m, bound_3d_m, fix_age_s, outage_age_s, flag_age_s, alerts, table_crc32, accepted_streak, mode, flag_state, verdict, driver, certificate, stored_da_coverage_pct, da_source), force_mavlink1=force_mavlink1)
+        self.send(self.leonav_integrity_encode(t_gps_ns, bound_m, limit_m, bound_3d_m, fix_age_s, outage_age_s, flag_age_s, alerts, table_crc32, accepted_streak, mode, flag_state, verdict, driver, certificate, stored_da_coverage_pct, da_source, uncovered), force_mavlink1=force_mavlink1)
 
     def leonav_innovation_encode(self, t_gps_ns: int, innovation: Sequence[float], sigma: Sequence[float], nis: float, gate: float, mean_nis: float, used: int, cause: int, type_nis: Sequence[float] = (0, 0), type_gate: Sequence[float] = (0, 0), type_cause: Sequence[int] = (0, 0), monitor_statistic: float = 0, monitor_kind: int = 0, drag_scale: float = 0) -> MAVLink_leonav_innovation_message:
         """

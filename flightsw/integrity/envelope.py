@@ -7,9 +7,16 @@ from __future__ import annotations
 
 import math
 
+from flightsw.icd.enums import Uncovered
 from flightsw.kernels.registry import kernel
 
 _EQUATOR_KM = 6378.137  # heights of a certificate are above a sphere
+_NOTHING = int(Uncovered.NOTHING)
+_HEIGHT = int(Uncovered.HEIGHT)
+_AGE = int(Uncovered.AGE)
+_ACTIVITY = int(Uncovered.ACTIVITY)
+_OVERRULED = int(Uncovered.OVERRULED)
+_CONVERGENCE = int(Uncovered.CONVERGENCE)
 
 
 @kernel
@@ -67,19 +74,22 @@ def _has_converged(nav, table):
 
 
 @kernel
-def covers(nav, table, f107, t_gps_ns):
-    """Whether a certified table holds for this state: height, age, activity, time since convergence, no contradiction.
+def uncovered(nav, table, f107, t_gps_ns):
+    """What of this state a certified table was not proven for (Uncovered): height, age, activity, how it came about.
 
     f107: solar activity [sfu] of the force table in use; 0 where none flies.
     """
     r = nav.x
     height_km = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * 1e-3 - _EQUATOR_KM
     # written so that NaN, which compares false with everything, is outside
-    return (
-        table.envelope_altitude_min_km <= height_km
-        and height_km <= table.envelope_altitude_max_km
-        and (t_gps_ns - nav.t_fix_gps_ns) * 1e-9 <= table.envelope_certified_age_s
-        and (f107 == 0.0 or (table.envelope_f107_min <= f107 and f107 <= table.envelope_f107_max))
-        and nav.contradicted == 0
-        and _has_converged(nav, table)
-    )
+    if not (table.envelope_altitude_min_km <= height_km and height_km <= table.envelope_altitude_max_km):
+        return _HEIGHT
+    if not ((t_gps_ns - nav.t_fix_gps_ns) * 1e-9 <= table.envelope_certified_age_s):
+        return _AGE
+    if not (f107 == 0.0 or (table.envelope_f107_min <= f107 and f107 <= table.envelope_f107_max)):
+        return _ACTIVITY
+    if nav.contradicted != 0:
+        return _OVERRULED
+    if not _has_converged(nav, table):
+        return _CONVERGENCE
+    return _NOTHING

@@ -114,6 +114,7 @@ class Telemetry:
             certificate,
             int(out[at["da_coverage_pct"]]),
             int(out[at["da_source"]]),
+            int(out[at["uncovered"]]),
         )
 
     def heartbeat(self, out: tuple[float, ...], armed: bool) -> None:

@@ -169,9 +169,11 @@ def publish(nav, table, model, t_gps_ns, work, out):
     else:
         out.verdict = _TRUSTED
     trusted = out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING
+    out.uncovered = 0
     if trusted and envelope.is_certified(table):
         f107 = model.forces.f107 if table.filter_model == flight_model.FLIGHT else 0.0
-        if not envelope.covers(nav, table, f107, t_gps_ns):
+        out.uncovered = envelope.uncovered(nav, table, f107, t_gps_ns)
+        if out.uncovered != 0:
             out.verdict = _NOT_CERTIFIED
     if out.verdict == _TRUSTED or out.verdict == _TRUSTED_COASTING:
         out.validity |= _STATE_VALID

@@ -25,6 +25,7 @@ class Integrity(NamedTuple):
     certificate: int
     stored_da_coverage_pct: int
     da_source: int
+    uncovered: int = 0
 
     @property
     def driving_bound_m(self) -> float:

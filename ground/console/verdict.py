@@ -10,7 +10,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from flightsw.icd.enums import Certificate, FlagState, Mode, Validity, Verdict
+from flightsw.icd.enums import Certificate, FlagState, Mode, Uncovered, Validity, Verdict
 from ground.console.model import State, age_s
 from ground.console.text import metres, percent, seconds
 from ground.console.told import Integrity
@@ -101,6 +101,19 @@ def _state_is_refused(state: State, now_s: float) -> bool:
     return not state.nav.validity & Validity.STATE_VALID
 
 
+_NOT_COVERED: dict[int, str] = {
+    Uncovered.HEIGHT: "at this height its certificate proves nothing",
+    Uncovered.AGE: "the outage is older than its certificate proves",
+    Uncovered.ACTIVITY: "the Sun is outside what its certificate covers",
+    Uncovered.OVERRULED: "fixes overruled a trusted state, one of them is wrong: look, then reset the filter",
+    Uncovered.CONVERGENCE: "too few fixes of the certified kind since the start, a burn or another kind of fix",
+}
+
+
+def _not_covered(cause: int) -> str:
+    return _NOT_COVERED.get(cause, "outside what its certificate covers")
+
+
 def _weigh(i: Integrity, state_refused: bool) -> tuple[str, str, Level]:
     bound, limit = i.driving_bound_m, i.limit_m
     against = f"bound {metres(bound)}, limit {metres(limit)}"
@@ -129,7 +142,7 @@ def _weigh(i: Integrity, state_refused: bool) -> tuple[str, str, Level]:
     if state_refused:
         return "DO NOT USE", "flight publishes its state as not valid", Level.BAD
     if i.verdict == Verdict.NOT_CERTIFIED:
-        what = "outside what its certificate covers" if i.certificate else "no certificate stands behind the table"
+        what = _not_covered(i.uncovered) if i.certificate else "no certificate stands behind the table"
         return "NOT CERTIFIED", f"{what}: {against}, fix {seconds(i.fix_age_s)} old", Level.CAUTION
     share = f"{percent(bound / limit)} of the limit" if limit > 0.0 and math.isfinite(limit) else against
     if i.verdict == Verdict.TRUSTED_COASTING or i.mode == Mode.AUTONOMOUS:

@@ -159,6 +159,7 @@ def test_both_halves_of_a_fix_have_their_own_protection() -> None:
         ("verdict", enums.Verdict),
         ("driver", enums.BoundDriver),
         ("da_source", enums.DaSource),
+        ("uncovered", enums.Uncovered),
         ("certificate", enums.Certificate),
         ("fix_type", enums.FixType),
         ("status", enums.SyncStatus),

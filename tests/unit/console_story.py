@@ -50,6 +50,7 @@ def integrity(**changes: Any) -> mavlink.MAVLink_leonav_integrity_message:
         "certificate": Certificate.UNCERTIFIED,
         "stored_da_coverage_pct": 87,
         "da_source": DaSource.FILTER,
+        "uncovered": 0,
     }
     return mavlink.MAVLink_leonav_integrity_message(**(values | changes))
 

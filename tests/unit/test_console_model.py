@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightsw.icd import mavlink
-from flightsw.icd.enums import FlagState, Governing, Mode, RejectCause, Verdict
+from flightsw.icd.enums import Certificate, FlagState, Governing, Mode, RejectCause, Uncovered, Verdict
 from ground.console.model import MAX_EVENTS, MAX_HISTORY, State, active_alerts, age_s, alert_text, cause_name, reduce
 from ground.console.panels import time_left
 from ground.console.text import gps_stamp, metres, safe, seconds
@@ -59,6 +59,18 @@ def test_the_reason_names_the_numbers() -> None:
     judgement = judge(told(OUTAGE_START_S + FLAG_AGE_S), OUTAGE_START_S + FLAG_AGE_S)
 
     assert judgement.reason == "failure flag raised 513 s after the last fix: bound 2002 m, limit 2000 m"
+
+
+def test_what_the_certificate_does_not_cover_is_named() -> None:
+    """GIVEN a certified table, not covered here and now THEN its cause stands beside NOT CERTIFIED, no two alike; one that
+    this console does not know reads as none named."""
+    changes = {"verdict": Verdict.NOT_CERTIFIED, "certificate": Certificate.FULL}
+    judgements = [judge(after(integrity(uncovered=one, **changes)), 10.0) for one in (*Uncovered, 99)]
+    assert {one.word for one in judgements} == {"NOT CERTIFIED"}
+    *named, unknown = (one.reason for one in judgements)
+    assert len(set(named)) == len(Uncovered)
+    assert not any("no certificate" in reason for reason in named)
+    assert unknown == named[Uncovered.NOTHING]
 
 
 def test_silence_takes_the_verdict_away() -> None:

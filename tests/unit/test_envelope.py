@@ -25,7 +25,7 @@ from harness import Flight, load
 
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.can_frames import INTEGRITY, NAV_STATE
-from flightsw.icd.enums import BurnFrame, FixType, FlagState, Governing, Mode, NavCommand, Validity, Verdict
+from flightsw.icd.enums import BurnFrame, FixType, FlagState, Governing, Mode, NavCommand, Uncovered, Validity, Verdict
 from flightsw.icd.table_file import decode
 from flightsw.memory import Memory
 from flightsw.records import ENVELOPE
@@ -45,6 +45,11 @@ def memory_with(**changes: Any) -> Memory:
     values = certificate(decode(build_navigation("paper")), **{**WIDE, **changes})
     memory.load_envelope(values)
     return memory
+
+
+def causes(memory: Memory, inputs: np.ndarray) -> list[tuple[int, int]]:
+    """Verdict, and what is not covered."""
+    return [(int(out.verdict), int(out.uncovered)) for out in run(memory, inputs)]
 
 
 def flown(memory: Memory, inputs: np.ndarray) -> tuple[list[int], list[int]]:
@@ -98,6 +103,22 @@ def test_never_trusted_outside_the_envelope(outside: dict[str, float]) -> None:
         assert all(bool(one & Validity.STATE_VALID) is not bool(outside is changes) for one in validity[40:])
 
 
+@pytest.mark.parametrize(
+    ("changes", "cause"),
+    [
+        ({}, Uncovered.NOTHING),
+        ({"altitude_max_km": 490.0}, Uncovered.HEIGHT),
+        ({"fix_sigma_max_m": 0.9}, Uncovered.CONVERGENCE),
+        ({"convergence_s": 1000.0}, Uncovered.CONVERGENCE),
+    ],
+)
+def test_the_cause_is_told(changes: dict[str, float], cause: Uncovered) -> None:
+    """GIVEN something that is not covered THEN it stands beside NOT_CERTIFIED, and nothing beside any other verdict."""
+    told = causes(memory_with(**changes), steady_calls(60, truth))
+    assert told[-1] == (Verdict.NOT_CERTIFIED if cause else Verdict.TRUSTED, cause)
+    assert all((verdict == Verdict.NOT_CERTIFIED) == (why != Uncovered.NOTHING) for verdict, why in told)
+
+
 def test_activity_is_that_of_the_force_table() -> None:
     """GIVEN the envelope's rule WHEN the force table's flux lies outside THEN not covered; if none flies, covered."""
     from flightsw.integrity import envelope
@@ -106,8 +127,10 @@ def test_activity_is_that_of_the_force_table() -> None:
     finish(run(memory, steady_calls(60, truth)))
     nav, table = record(memory.nav), record(memory.table)
     now = int(nav.t_fix_gps_ns)
-    assert [bool(envelope.covers(nav, table, flux, now)) for flux in (0.0, 69.0, 70.0, 150.0, 151.0, np.nan)] == [
-        *(True, False, True, True, False, False)
+    fluxes = (0.0, 69.0, 70.0, 150.0, 151.0, np.nan)
+    assert [envelope.uncovered(nav, table, flux, now) for flux in fluxes] == [
+        *(Uncovered.NOTHING, Uncovered.ACTIVITY, Uncovered.NOTHING),
+        *(Uncovered.NOTHING, Uncovered.ACTIVITY, Uncovered.ACTIVITY),
     ]
 
 
@@ -192,12 +215,13 @@ def test_fixes_that_overrule_a_converged_state_are_for_the_operator_to_judge() -
     inputs["command_present"][240] = 1
     inputs["command_id"][240] = int(NavCommand.RESET_FILTER)
     memory = memory_with()
-    rows = [(int(o.verdict), int(o.flag), int(o.events)) for o in run(memory, inputs)]
+    rows = [(int(o.verdict), int(o.flag), int(o.events), int(o.uncovered)) for o in run(memory, inputs)]
     restart = 1 << int(AlertId.REINITIALISED)
     overruled = next(k for k, row in enumerate(rows) if row[2] & restart)
     assert rows[overruled - 1][0] == Verdict.TRUSTED_COASTING
     cleared = next(k for k, row in enumerate(rows) if k > overruled and row[1] == FlagState.CLEAR)
     assert {row[0] for row in rows[cleared:240]} == {Verdict.NOT_CERTIFIED}
+    assert {row[3] for row in rows[cleared:240]} == {Uncovered.OVERRULED}
     assert {row[0] for row in rows[overruled:cleared]} == {Verdict.DO_NOT_USE}
     assert {row[0] for row in rows[310:]} == {Verdict.TRUSTED}
 
