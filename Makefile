@@ -95,6 +95,11 @@ test-coverage: setup  ## tests of the kernels as plain Python, with line coverag
 	@NUMBA_DISABLE_JIT=1 COVERAGE_FILE=$(OUT)/coverage $(PY) -m pytest -p tests.lanes --lane=coverage --durations=5 \
 	  --cov --cov-config=pyproject.toml --cov-report=term
 
+.PHONY: test-long
+test-long: setup  ## more days, steps and walks of what make test looks at in few; the wheel from cold
+	@$(PY) -m pytest -m long
+	@LEONAV_COLD=1 $(PY) -m pytest tests/packaging/test_wheel.py
+
 .PHONY: check
 check: setup  ## lint, format, types
 	@$(PY) -m ruff check .

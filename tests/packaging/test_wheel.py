@@ -15,7 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from flightsw.kernels.kernel_cache import cache_folder
+
 ROOT = Path(__file__).resolve().parents[2]
+COLD = "LEONAV_COLD" in os.environ  # make test-long: the run compiles every kernel itself
 SOURCES = ("flightsw", "ground", "hil_sim", "pyproject.toml", "README.md", "LICENSE")
 SHORT_RUN = ("time.duration_s=300", "outage.0.start_s=120", "outage.0.duration_s=60")
 LEFT_BY_A_RUN = (
@@ -30,6 +33,14 @@ LEFT_BY_A_RUN = (
     "tables/earth_orientation.tbl",
     "figures/0_overview.png",
 )
+
+
+# What is compiled where no kernels are found: one entry, as a run would compile all of them.
+COMPILE = """
+from flightsw.kernels import geodetic, registry
+registry.warm_up()
+assert geodetic.geodetic.stats.cache_misses
+"""
 
 
 def _pip(*arguments: str, python: str = sys.executable) -> subprocess.CompletedProcess[str]:
@@ -127,14 +138,17 @@ def _make_read_only(folder: Path) -> None:
 @pytest.mark.slow
 def test_a_run_from_an_empty_read_only_environment(wheel: Path, tmp_path: Path) -> None:
     """GIVEN the wheel with extras sim and ground in an empty environment that may not be written
-    WHEN `hil_sim run nominal` is called from an empty folder, with an empty home
-    THEN it ends with status 0, leaves the files of a run, and changes nothing but its output and the caches.
+    WHEN a kernel is compiled and `hil_sim run nominal` called from an empty folder, with an empty home
+    THEN both end with status 0, the run leaves its files, and nothing is changed but its output and the caches.
+
+    The kernels of the run are those of this tree, which are the same to the byte: the wheel is built from its sources.
     """
     environment, home, elsewhere, out = (tmp_path / name for name in ("env", "home", "elsewhere", "out"))
     venv.create(environment, with_pip=True)
     python = str(environment / "bin" / "python")
     constraints = str(ROOT / "constraints.txt")
-    installed = _pip("install", "--quiet", "-c", constraints, f"{wheel}[sim,ground]", python=python)
+    # Without byte code: the interpreter will want to write it into the environment, and must do without.
+    installed = _pip("install", "--quiet", "--no-compile", "-c", constraints, f"{wheel}[sim,ground]", python=python)
     assert installed.returncode == 0, installed.stderr
     home.mkdir()
     elsewhere.mkdir()
@@ -146,32 +160,33 @@ def test_a_run_from_an_empty_read_only_environment(wheel: Path, tmp_path: Path) 
         "PATH": f"{environment / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "LANG": "C.UTF-8",
     }
+    kernels = {} if COLD else {"LEONAV_CACHE_DIR": str(cache_folder().parents[1])}
     confined = _bound_by_permissions()
     overrides = [word for key in SHORT_RUN for word in ("--set", key)]
-    try:
-        flown = subprocess.run(
-            [*confined, environment / "bin" / "hil_sim", "run", "nominal", "--out", out, *overrides],
+
+    def call(*command: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*confined, *command],
             cwd=elsewhere,
-            env=outside,
+            env=outside | more,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             timeout=600,
         )
-        exported = subprocess.run(
-            [*confined, environment / "bin" / "ground", "icd", "export", tmp_path / "icd"],
-            cwd=elsewhere,
-            env=outside,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
+
+    try:
+        compiled = call(python, "-c", COMPILE)
+        flown = call(environment / "bin" / "hil_sim", "run", "nominal", "--out", out, *overrides, **kernels)
+        exported = call(environment / "bin" / "ground", "icd", "export", tmp_path / "icd")
         after = _snapshot(environment)
     finally:
         for path in environment.rglob("*"):  # so that pytest may remove it
             if path.is_dir() and not path.is_symlink():
                 path.chmod(0o755)
         environment.chmod(0o755)
+    assert compiled.returncode == 0, compiled.stderr
+    assert [*(home / ".cache" / "leonav").rglob("*.nbc")] != []
     assert flown.returncode == 0, flown.stderr
     assert "VERDICT" in flown.stdout
     assert [name for name in LEFT_BY_A_RUN if not (out / name).is_file()] == []

@@ -159,7 +159,7 @@ def test_a_million_steps_leave_a_covariance() -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("hold", [1, 30, 1000, 1_000_000])
 @pytest.mark.parametrize("dt_s", [0.1, 1.0, 60.0])
 def test_a_million_steps_of_other_walks(dt_s: float, hold: int) -> None:
@@ -285,7 +285,15 @@ def test_the_joseph_form_does_not(six_walks: list[Comparison]) -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.slow
+@pytest.mark.parametrize("dt_s", [0.1, 60.0])
+def test_factors_agree_at_other_steps(dt_s: float) -> None:
+    """Four walks for each length of a step, the first of the many below."""
+    for found in survey(range(100, 104), 100, dt_s):
+        assert max(found.factors) <= 1e-7
+
+
+@pytest.mark.compiled
+@pytest.mark.long
 @pytest.mark.parametrize("dt_s", [0.1, 1.0, 60.0])
 def test_factors_agree_over_many_walks(dt_s: float) -> None:
     """The accuracy stated: 1e-7. 36 walks for each length of a step, 108 in all: the worst variance is off by 4e-9 of
@@ -300,10 +308,10 @@ def test_factors_agree_over_many_walks(dt_s: float) -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.slow
-def test_factors_agree_after_many_steps() -> None:
-    """20,000 steps, all sigmas new at each: 2e-12, as after a few. Errors of rounding are forgotten, not added up."""
-    found = compare(draw_walk(77, 20_000, 1), 100)
+@pytest.mark.parametrize("steps", [2000, pytest.param(20_000, marks=pytest.mark.long)])
+def test_factors_agree_after_many_steps(steps: int) -> None:
+    """All sigmas new at each step: after 20,000 still 2e-12. Errors of rounding are forgotten, not added up."""
+    found = compare(draw_walk(77, steps, 1), 100)
     assert found.factors[0] <= 1e-10
     assert found.factors[1] <= 1e-10
 

@@ -34,10 +34,11 @@ def written(flight: Linked, path: Path, off_m: float) -> None:
 
 
 @pytest.mark.compiled
-def test_a_state_is_sent_confirmed_and_its_fate_told(tmp_path: Path) -> None:
+def test_a_state_is_sent_confirmed_and_its_fate_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """GIVEN an outage WHEN n is pressed, a message named and confirmed THEN flight corrects by it and the events say
     so; one that does not fit is refused by name; a file that is none is told and nothing sent; escape sends nothing."""
-    fits, astray, none = (tmp_path / name for name in ("fits.opm", "astray.opm", "none.opm"))
+    monkeypatch.chdir(tmp_path)  # every key that is pressed takes 50 ms
+    fits, astray, none = (Path(name) for name in ("fits.opm", "astray.opm", "none.opm"))
     none.write_text("hello\n")
 
     async def story(app: ConsoleApp, pilot: Any, fly: Any) -> None:

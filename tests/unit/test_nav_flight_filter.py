@@ -384,7 +384,7 @@ def test_false_alarms_are_rare() -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.slow
+@pytest.mark.long
 def test_false_alarms_of_six_days() -> None:
     """As above; `ground study manoeuvres` flies weeks."""
     alarms, found, days = healthy(range(6), fixes_every_second(0, 86_400, TRUTH))
