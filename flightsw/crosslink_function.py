@@ -70,6 +70,11 @@ class CrosslinkFunction:
 
     def __init__(self, table: TableImage, services: Services) -> None:
         self.conditions = self.happened = 0
+        self.values = {
+            int(AlertId.CROSSLINK_OWN_FAULT): self._own_ratio,
+            int(AlertId.CROSSLINK_OWN_SUSPECT): self._own_ratio,
+            int(AlertId.CROSSLINK_NEIGHBOUR_FAULTY): self._neighbour,
+        }
         self.settings = settings_of(table.values)
         self.memory = MonitorMemory(self.settings)
         self.assembly = CrosslinkAssembly(table.values, services.assembly.rejected, self._now_gps_ns)
@@ -145,6 +150,20 @@ class CrosslinkFunction:
         self._faulty = faulty
 
     # -- what is told
+
+    def _own_ratio(self) -> float:
+        """Statistic of the own links over its threshold; NaN where it was not this test of this epoch that found it."""
+        verdict, at = self._verdict, self._at
+        dof = int(verdict[at["own_dof"]])
+        ratio = float(verdict[at["own_statistic"]] / self.memory.table["own_threshold"][0, dof]) if dof > 0 else 0.0
+        return ratio if ratio > 1.0 else math.nan
+
+    def _neighbour(self) -> float:
+        """Number, from 1, of the neighbour named last, or of the first that is excluded; NaN where there is none."""
+        verdict, at = self._verdict, self._at
+        others = ~self._own_bit
+        named = int(verdict[at["named"]]) & others or int(verdict[at["faulty"]]) & others
+        return float((named & -named).bit_length()) if named else math.nan
 
     def _age_s(self) -> float:
         if not self._judged_gps_ns:

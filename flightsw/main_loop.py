@@ -323,6 +323,7 @@ class MainLoop:
     def add_function(self, function: Function) -> None:
         """Run a function in every tick from now on, after the bus was drained and before navigation."""
         self._functions.append(function)
+        self.events.values.update(function.values)
         self.schedule.insert_before("navigate", Member(function.name, 1, function.budget_us, function.run))
 
     # -- tables

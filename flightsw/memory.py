@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from flightsw.integrity.axis_levels import axis_levels
 from flightsw.integrity.time_to_flag import look_ahead
 from flightsw.kernels.spherical_harmonics import load_field
 from flightsw.records import (
@@ -40,6 +41,7 @@ class Memory:
         "field_ahead",
         "forces",
         "input",
+        "levels",
         "nav",
         "orientation",
         "output",
@@ -59,6 +61,7 @@ class Memory:
         self.field = np.zeros(1, FIELD)
         self.scratch = np.zeros(1, FORCE_WORK)
         self.ahead = np.zeros(1, AHEAD)
+        self.levels = np.zeros((2, 3))
         self.field_ahead = np.zeros(1, FIELD)  # gravity of low degree, for predictions
         for image in (self.table, self.orientation, self.forces, self.field, self.field_ahead):
             image.flags.writeable = False
@@ -122,6 +125,11 @@ class Memory:
             counter_now_ns,
             steps,
         )
+
+    def protect(self, bound_m: float, t_gps_ns: int) -> np.ndarray:
+        """Levels (2, 3) [m] of the bound published for this stamp, GCRF and RTN; the next call overwrites them."""
+        axis_levels(self.nav, self.table, self.work, bound_m, t_gps_ns, self.levels)
+        return self.levels
 
     def share_tables(self, other: Memory) -> None:
         """Fly the tables of another memory: its images, not copies of them."""

@@ -35,12 +35,16 @@ class Services(NamedTuple):
 
 
 class Function(Protocol):
-    """One function. conditions, happened: bits by alert id, of what holds now and of what happened in this tick."""
+    """One function. conditions, happened: bits by alert id, of what holds now and of what happened in this tick.
+
+    values: by alert id, the number that goes with it (flightsw/icd/alerts.py, QUANTITIES); asked when it is told.
+    """
 
     name: str
     budget_us: float
     conditions: int
     happened: int
+    values: dict[int, Callable[[], float]]
 
     def run(self) -> None:
         """Work of one tick. Sets `conditions` and `happened`."""

@@ -38,7 +38,17 @@ _U32 = 0xFFFFFFFF
 class VelocityCheck:
     """One check, made ready from its table; fixes that share a tick are looked at once, the last of them."""
 
-    __slots__ = ("_check", "_places", "_seen_ns", "_services", "_start_ns", "_vectors", "conditions", "happened")
+    __slots__ = (
+        "_check",
+        "_places",
+        "_seen_ns",
+        "_services",
+        "_start_ns",
+        "_vectors",
+        "conditions",
+        "happened",
+        "values",
+    )
 
     name = "velocity_check"
     budget_us = 50.0
@@ -52,6 +62,7 @@ class VelocityCheck:
         self._vectors = tuple(np.zeros(3) for _ in range(4))  # dr, dv, sigma of r, of v
         self._seen_ns = self._start_ns = 0
         self.conditions = self.happened = 0
+        self.values = {int(AlertId.RECEIVER_VELOCITY_FAULT): self._bias_mps}
         services.downlink.add(MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK, "status", self.tell)
 
     def run(self) -> None:
@@ -77,6 +88,11 @@ class VelocityCheck:
         t_s = (t_gps_ns - self._start_ns) * 1e-9
         check_fix(self._check.table, self._check.state, t_s, dr_m, dv_mps, sigma_r_m, sigma_v_mps)
         self.conditions = _FAULT_BIT if self._check.state["fault"][0] else 0
+
+    def _bias_mps(self) -> float:
+        """Length of the mean error of the velocity; NaN while nothing is tested."""
+        state = self._check.state[0]
+        return math.hypot(*state["bias_mps"].tolist()) if state["bias_count"] > 0.0 else math.nan
 
     def tell(self) -> None:
         """LEONAV_VELOCITY_CHECK."""

@@ -121,3 +121,44 @@ ALERTS: dict[int, Alert] = {
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )
 }
+
+
+class Quantity(NamedTuple):
+    """What the value of an alert is. No name: it has none, and flight sends NaN."""
+
+    name: str
+    unit: str = ""
+
+
+BOUND = Quantity("bound", "m")  # navigation's, of that tick: of every alert that stands below with no other
+_NONE = Quantity("")
+_RATIO = Quantity("statistic over threshold")
+_QUANTITIES: dict[AlertId, Quantity] = {
+    AlertId.TIME_JUMP_REJECTED: _NONE,
+    AlertId.CLOCK_REINITIALISED: _NONE,
+    AlertId.STORED_DA_MISSING: _NONE,
+    AlertId.TABLE_UNCERTIFIED: _NONE,
+    AlertId.TICK_SLIP: _NONE,
+    AlertId.BUS_OFF: _NONE,
+    AlertId.EARTH_ORIENTATION_EXPIRED: _NONE,
+    AlertId.BURN_REFUSED: _NONE,
+    AlertId.FORCES_EXPIRED: _NONE,
+    AlertId.EDITING_OVERRIDDEN: _NONE,
+    AlertId.TABLE_STAGED: _NONE,
+    AlertId.TABLE_ACTIVATED: _NONE,
+    AlertId.TABLE_REFUSED: _NONE,
+    AlertId.TABLE_ROLLED_BACK: _NONE,
+    AlertId.FLAG_DISARMED: _NONE,
+    AlertId.LINK_REFUSED: _NONE,
+    AlertId.UPLOAD_REFUSED: _NONE,
+    AlertId.GNSS_EXCLUDED: Quantity("satellites left out"),
+    AlertId.GNSS_INCONSISTENT: _RATIO,
+    AlertId.GNSS_PROTECTION: Quantity("protection level", "m"),
+    AlertId.GNSS_UNTESTED: Quantity("satellites used"),
+    AlertId.CROSSLINK_OWN_FAULT: _RATIO,
+    AlertId.CROSSLINK_OWN_SUSPECT: _RATIO,
+    AlertId.CROSSLINK_NEIGHBOUR_FAULTY: Quantity("satellite"),
+    AlertId.CROSSLINK_MAJORITY: _NONE,
+    AlertId.RECEIVER_VELOCITY_FAULT: Quantity("velocity error", "m/s"),
+}
+QUANTITIES: dict[int, Quantity] = {int(alert): _QUANTITIES.get(alert, BOUND) for alert in AlertId}

@@ -1720,6 +1720,7 @@ MAVLINK_MSG_ID_LEONAV_STATE_UPLOAD = 61410
 MAVLINK_MSG_ID_LEONAV_STATE_RESULT = 61411
 MAVLINK_MSG_ID_LEONAV_GNSS_CHECK = 61412
 MAVLINK_MSG_ID_LEONAV_CROSSLINK = 61416
+MAVLINK_MSG_ID_LEONAV_PROTECTION = 61420
 MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK = 61421
 
 
@@ -3359,6 +3360,50 @@ class MAVLink_leonav_crosslink_message(MAVLink_message):
 setattr(MAVLink_leonav_crosslink_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_leonav_protection_message(MAVLink_message):
+    """
+    Protection level against alert limit, axis by axis: what each axis
+    has of the published bound.
+    """
+
+    id = MAVLINK_MSG_ID_LEONAV_PROTECTION
+    msgname = "LEONAV_PROTECTION"
+    fieldnames = ["t_gps_ns", "level_m", "limit_m", "level_3d_m", "level_rtn_m", "driver"]
+    ordered_fieldnames = ["t_gps_ns", "level_m", "limit_m", "level_3d_m", "level_rtn_m", "driver"]
+    fieldtypes = ["int64_t", "double", "double", "double", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"driver": "LEONAV_DRIVER"}
+    fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "level_m": "m", "limit_m": "m", "level_3d_m": "m", "level_rtn_m": "m"}
+    native_format = bytearray(b"<qdddfB")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 3, 3, 1, 3, 1]
+    array_lengths = [0, 3, 3, 0, 3, 0]
+    crc_extra = 15
+    unpacker = struct.Struct("<q3d3dd3fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, t_gps_ns: int, level_m: Sequence[float], limit_m: Sequence[float], level_3d_m: float, level_rtn_m: Sequence[float], driver: int):
+        MAVLink_message.__init__(self, MAVLink_leonav_protection_message.id, MAVLink_leonav_protection_message.msgname)
+        self._fieldnames = MAVLink_leonav_protection_message.fieldnames
+        self._instance_field = MAVLink_leonav_protection_message.instance_field
+        self._instance_offset = MAVLink_leonav_protection_message.instance_offset
+        self.t_gps_ns = t_gps_ns
+        self.level_m = level_m
+        self.limit_m = limit_m
+        self.level_3d_m = level_3d_m
+        self.level_rtn_m = level_rtn_m
+        self.driver = driver
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.level_m[0], self.level_m[1], self.level_m[2], self.limit_m[0], self.limit_m[1], self.limit_m[2], self.level_3d_m, self.level_rtn_m[0], self.level_rtn_m[1], self.level_rtn_m[2], self.driver), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_leonav_protection_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_leonav_velocity_check_message(MAVLink_message):
     """
     A receiver's velocity against the derivative of its own positions,
@@ -3441,6 +3486,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LEONAV_STATE_RESULT: MAVLink_leonav_state_result_message,
     MAVLINK_MSG_ID_LEONAV_GNSS_CHECK: MAVLink_leonav_gnss_check_message,
     MAVLINK_MSG_ID_LEONAV_CROSSLINK: MAVLink_leonav_crosslink_message,
+    MAVLINK_MSG_ID_LEONAV_PROTECTION: MAVLink_leonav_protection_message,
     MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK: MAVLink_leonav_velocity_check_message,
 }
 
@@ -4822,7 +4868,7 @@ class MAVLink(object):
 
         t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
         sequence                  : Counts alerts since start, so that a lost one is noticed. (type:uint32_t)
-        value                     : The number behind it: an age, a bound, a count. (type:double)
+        value                     : The number behind it, as its row of the list of alerts says; NaN where it has none. (type:double)
         alert_id                  : Which alert. (type:uint16_t, values:LEONAV_ALERT_ID)
         severity                  : Severity. (type:uint8_t, values:MAV_SEVERITY)
         active                    : 1 when it became active, 0 when it ended. (type:uint8_t)
@@ -4836,7 +4882,7 @@ class MAVLink(object):
 
         t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
         sequence                  : Counts alerts since start, so that a lost one is noticed. (type:uint32_t)
-        value                     : The number behind it: an age, a bound, a count. (type:double)
+        value                     : The number behind it, as its row of the list of alerts says; NaN where it has none. (type:double)
         alert_id                  : Which alert. (type:uint16_t, values:LEONAV_ALERT_ID)
         severity                  : Severity. (type:uint8_t, values:MAV_SEVERITY)
         active                    : 1 when it became active, 0 when it ended. (type:uint8_t)
@@ -5137,6 +5183,36 @@ class MAVLink(object):
 
         """
         self.send(self.leonav_crosslink_encode(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest), force_mavlink1=force_mavlink1)
+
+    def leonav_protection_encode(self, t_gps_ns: int, level_m: Sequence[float], limit_m: Sequence[float], level_3d_m: float, level_rtn_m: Sequence[float], driver: int) -> MAVLink_leonav_protection_message:
+        """
+        Protection level against alert limit, axis by axis: what each axis has
+        of the published bound.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        level_m                   : Protection level of x, y, z in GCRF; the largest is the bound of LEONAV_INTEGRITY. NaN: there is none. [m] (type:double)
+        limit_m                   : Alert limit of the same axes. [m] (type:double)
+        level_3d_m                : Protection level of the whole position error: a sphere. [m] (type:double)
+        level_rtn_m               : The same along radial, along-track, cross-track, for people to read: the flag looks at GCRF or the sphere. [m] (type:float)
+        driver                    : Which of them the flag compares with the limit. (type:uint8_t, values:LEONAV_DRIVER)
+
+        """
+        return MAVLink_leonav_protection_message(t_gps_ns, level_m, limit_m, level_3d_m, level_rtn_m, driver)
+
+    def leonav_protection_send(self, t_gps_ns: int, level_m: Sequence[float], limit_m: Sequence[float], level_3d_m: float, level_rtn_m: Sequence[float], driver: int, force_mavlink1: bool = False) -> None:
+        """
+        Protection level against alert limit, axis by axis: what each axis has
+        of the published bound.
+
+        t_gps_ns                  : GPS time since 1980-01-06T00:00:00 to which the message belongs. [ns] (type:int64_t)
+        level_m                   : Protection level of x, y, z in GCRF; the largest is the bound of LEONAV_INTEGRITY. NaN: there is none. [m] (type:double)
+        limit_m                   : Alert limit of the same axes. [m] (type:double)
+        level_3d_m                : Protection level of the whole position error: a sphere. [m] (type:double)
+        level_rtn_m               : The same along radial, along-track, cross-track, for people to read: the flag looks at GCRF or the sphere. [m] (type:float)
+        driver                    : Which of them the flag compares with the limit. (type:uint8_t, values:LEONAV_DRIVER)
+
+        """
+        self.send(self.leonav_protection_encode(t_gps_ns, level_m, limit_m, level_3d_m, level_rtn_m, driver), force_mavlink1=force_mavlink1)
 
     def leonav_velocity_check_encode(self, t_gps_ns: int, fixes: int, alarms: int, statistic: float, threshold: float, bias_mps: Sequence[float], sigma_mps: float, armed: int, fault: int) -> MAVLink_leonav_velocity_check_message:
         """

@@ -45,6 +45,7 @@ class Told(Protocol):
     counter_start_ns: int
     prediction: Prediction
     fix_input: np.ndarray
+    memory: Any
     receiver: Any
     journal: Any
     port: Any
@@ -91,6 +92,7 @@ class Downlink:
         senders: tuple[tuple[int, str, Callable[[], None]], ...] = (
             (m.MAVLINK_MSG_ID_LEONAV_NAV_STATE, "nav", self._nav_state),
             (m.MAVLINK_MSG_ID_LEONAV_INTEGRITY, "nav", self._integrity),
+            (m.MAVLINK_MSG_ID_LEONAV_PROTECTION, "nav", self._protection),
             (m.MAVLINK_MSG_ID_HEARTBEAT, "status", self._heartbeat),
             (m.MAVLINK_MSG_ID_SYS_STATUS, "status", self._sys_status),
             (m.MAVLINK_MSG_ID_SYSTEM_TIME, "status", self._system_time),
@@ -160,6 +162,11 @@ class Downlink:
 
     def _integrity(self) -> None:
         self._telemetry.integrity(self._told.out, self._told.alerts, self._told.verdict)
+
+    def _protection(self) -> None:
+        out, at = self._told.out, self._telemetry.at
+        levels = self._told.memory.protect(out[at["bound_m"]], int(out[at["t_gps_ns"]]))
+        self._telemetry.protection(out, levels.tolist())
 
     def _heartbeat(self) -> None:
         self._telemetry.heartbeat(self._told.out, self._told.armed)

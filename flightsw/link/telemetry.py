@@ -16,6 +16,7 @@ from flightsw.schedule import Member
 
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _UNKNOWN = 0xFFFF
+_FLOAT_MAX = 3.4e38  # beyond it struct packs no float32
 _SYSTEM_STATUS = {
     int(Mode.INIT): m.MAV_STATE_CALIBRATING,
     int(Mode.INTEGRATED): m.MAV_STATE_ACTIVE,
@@ -115,6 +116,20 @@ class Telemetry:
             int(out[at["da_coverage_pct"]]),
             int(out[at["da_source"]]),
             int(out[at["uncovered"]]),
+        )
+
+    def protection(self, out: tuple[float, ...], levels: list[list[float]]) -> None:
+        """LEONAV_PROTECTION. levels: [m], in GCRF and along the orbit."""
+        at = self.at
+        gcrf_m, rtn_m = levels
+        limit_m = out[at["limit_m"]]
+        self._out.mav.leonav_protection_send(
+            int(out[at["t_gps_ns"]]),
+            gcrf_m,
+            (limit_m, limit_m, limit_m),
+            out[at["bound_3d_m"]],
+            [min(level_m, _FLOAT_MAX) for level_m in rtn_m],  # NaN stays NaN
+            int(out[at["driver"]]),
         )
 
     def heartbeat(self, out: tuple[float, ...], armed: bool) -> None:

@@ -66,6 +66,12 @@ class PseudorangeFunction:
         }
         self._of = tuple(self._latches.values())
         self.conditions = self.happened = 0
+        self.values = {
+            int(AlertId.GNSS_EXCLUDED): lambda: float(_count(self.judged.excluded)),
+            int(AlertId.GNSS_INCONSISTENT): self._ratio,
+            int(AlertId.GNSS_PROTECTION): lambda: max(self.judged.protection_m),
+            int(AlertId.GNSS_UNTESTED): lambda: float(_count(self.judged.used)),
+        }
         self.judged = Judged()
         self.epochs = self.offered = 0
         self._teller = Teller(services.publisher, services.link, settings.alert_limit_m)
@@ -180,11 +186,20 @@ class PseudorangeFunction:
             if latch.holds:
                 self.conditions |= bit
 
+    def _ratio(self) -> float:
+        """Statistic over its threshold; NaN where another test of the last epoch has refused it."""
+        above = self.judged.statistic > self.judged.threshold > 0.0
+        return self.judged.statistic / self.judged.threshold if above else math.nan
+
     def _tell(self) -> None:
         judged = self.judged
         known = judged.verdict != Verdict.NO_EPOCH
         age_s = (self._services.counter_ns() - judged.t_counter_ns) * 1e-9 if known else math.nan
         self._teller.tell(judged, age_s, self.epochs, self.offered)
+
+
+def _count(masks: tuple[int, ...]) -> int:
+    return sum(mask.bit_count() for mask in masks)
 
 
 def make(table: TableImage, services: Services) -> PseudorangeFunction:

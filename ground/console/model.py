@@ -12,14 +12,24 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from flightsw.icd.alerts import ALERTS, Severity
+from flightsw.icd.alerts import ALERTS, QUANTITIES, Severity
 from flightsw.icd.enums import Mode, RejectCause
 from ground.console.alarms import Alarm, fold_alarm, fold_late
 from ground.console.axes import sigma_rtn_m
 from ground.console.crosslink_told import Crosslink, fold_crosslink
 from ground.console.gnss import GnssCheck, of_message
 from ground.console.text import safe
-from ground.console.told import Counters, Innovation, Integrity, LinkStatus, NavState, Table, TimeToFlag, Timing
+from ground.console.told import (
+    Counters,
+    Innovation,
+    Integrity,
+    LinkStatus,
+    NavState,
+    Protection,
+    Table,
+    TimeToFlag,
+    Timing,
+)
 
 FLIGHT_SYSTEM, FLIGHT_COMPONENT = 1, 1  # who may speak for the satellite
 MAX_EVENTS = 500
@@ -41,12 +51,13 @@ class Event(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """A point of the plot: flight's GPS time [s], driving bound and limit [m], mode."""
+    """A point of the plot: flight's GPS time [s], driving bound and limit [m], mode; levels of x, y, z and 3-D [m]."""
 
     t_gps_s: float
     bound_m: float
     limit_m: float
     mode: int
+    levels_m: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +69,8 @@ class State:
     heartbeat_s: float | None = None
     integrity: Integrity | None = None
     integrity_s: float | None = None
+    protection: Protection | None = None
+    protection_s: float | None = None
     nav: NavState | None = None
     nav_s: float | None = None
     counters: Counters | None = None
@@ -117,6 +130,31 @@ def _integrity(state: State, message: Any, now_s: float) -> State:
     return _remember(replace(state, integrity=integrity, integrity_s=now_s), integrity, now_s)
 
 
+def _protection(state: State, message: Any, now_s: float) -> State:
+    """Levels of the axes; they belong to the point of the plot that the bound of the same instant has made."""
+    told = Protection(
+        message.t_gps_ns,
+        tuple(message.level_m),
+        tuple(message.limit_m),
+        message.level_3d_m,
+        tuple(message.level_rtn_m),
+        message.driver,
+    )
+    state = replace(state, protection=told, protection_s=now_s)
+    if not state.history or state.integrity is None or state.integrity.t_gps_ns != told.t_gps_ns:
+        return state
+    last = state.history[-1]
+    levels = _worst(last.levels_m, (*told.level_m, told.level_3d_m))
+    return replace(state, history=(*state.history[:-1], last._replace(levels_m=levels)))
+
+
+def _worst(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
+    """The larger of each pair; not a number is worst. Where one knows nothing, the other."""
+    if not (one and other):
+        return one or other
+    return tuple(math.nan if math.isnan(a + b) else max(a, b) for a, b in zip(one, other, strict=True))
+
+
 def _remember(state: State, integrity: Integrity, now_s: float) -> State:
     """Add a point to the plot, merging points closer than the step: the worst bound of them stays."""
     t = integrity.t_gps_ns / 1e9
@@ -139,10 +177,10 @@ def _remember(state: State, integrity: Integrity, now_s: float) -> State:
 
 
 def _worse(earlier: Sample, later: Sample) -> Sample:
-    """The later sample, with the larger bound and the graver mode of the two; not a number is worst."""
-    bounds = (earlier.bound_m, later.bound_m)
-    worst = math.nan if any(math.isnan(b) for b in bounds) else max(bounds)
-    return later._replace(bound_m=worst, mode=max(earlier.mode, later.mode))
+    """The later sample, with the larger bound, levels and the graver mode of the two; not a number is worst."""
+    (worst,) = _worst((earlier.bound_m,), (later.bound_m,))
+    levels = _worst(earlier.levels_m, later.levels_m)
+    return later._replace(bound_m=worst, mode=max(earlier.mode, later.mode), levels_m=levels)
 
 
 def _nav(state: State, message: Any, now_s: float) -> State:
@@ -235,11 +273,19 @@ def alert_text(alert_id: int, active: int, value: float) -> str:
     """An alert in words: flight sends a number, the words are the ground's."""
     known = ALERTS.get(alert_id)
     text = known.text if known else f"unknown alert {alert_id}: console older than flight?"
-    if math.isfinite(value) and value != 0.0:
-        text += f" [{value:.6g}]"
+    text += quantity_words(alert_id, value)
     if not active:
         text = f"ended: {text}"
     return f"{text} ({known.id.name})" if known else text
+
+
+def quantity_words(alert_id: int, value: float) -> str:
+    """The value of an alert, named and with its unit, in brackets; nothing where it has none."""
+    quantity = QUANTITIES.get(alert_id)
+    if not math.isfinite(value) or value == 0.0 or (quantity is not None and not quantity.name):
+        return ""
+    words = f"{value:.6g}" if quantity is None else f"{quantity.name} {value:.6g} {quantity.unit}".rstrip()
+    return f" [{words}]"
 
 
 def _link(state: State, message: Any, now_s: float) -> State:
@@ -280,6 +326,7 @@ NAVIGATION_TABLE = 1  # kind number of the navigation table (flightsw/icd/table_
 _FOLDS: dict[str, Callable[[State, Any, float], State]] = {
     "HEARTBEAT": _heartbeat,
     "LEONAV_INTEGRITY": _integrity,
+    "LEONAV_PROTECTION": _protection,
     "LEONAV_NAV_STATE": _nav,
     "LEONAV_COUNTERS": _counters,
     "LEONAV_INNOVATION": _innovation,

@@ -12,7 +12,8 @@ from ground.console.alarms import Alarm, standing
 from ground.console.link import Statistics
 from ground.console.model import State, active_alerts, age_s, cause_name
 from ground.console.panels import PAGE_NAMES, SEVERITY_STYLES, SHORT_SEVERITIES, events, stale_mark
-from ground.console.text import metres, seconds, utc_clock
+from ground.console.text import metres, metres_each, percent, seconds, utc_clock
+from ground.console.told import Integrity
 from ground.console.uplink import Operator
 from ground.console.verdict import STALE_S
 
@@ -67,10 +68,8 @@ def filter_page(state: State, now_s: float) -> Text:
     text.append(f"mean NIS     {_number(i.mean_nis)} per degree of freedom over the streak (1 is consistent)\n")
     told = state.integrity
     if told is not None:
-        bounds = f"per axis {metres(told.bound_m)}, 3-D {metres(told.bound_3d_m)}, limit {metres(told.limit_m)}"
         text.append(f"streak       {told.accepted_streak} fixes accepted in a row\n")
-        text.append(f"bound        {bounds}")
-        text.append(stale_mark(now_s, state.integrity_s) + "\n", style="bold yellow")
+        text.append_text(_levels(state, told, now_s))
         text.append(f"1-sigma      {_sigmas(state)}")
         text.append(stale_mark(now_s, state.sigma_rtn_s) + "\n", style="bold yellow")
         text.append(f"alerts       {', '.join(active_alerts(told.alerts)) or 'none'}\n")
@@ -82,6 +81,32 @@ def filter_page(state: State, now_s: float) -> Text:
         text.append(f"  {cause_name(k):<20}{n:>10,}\n")
     if not ranked:
         text.append("  nothing\n", style="green")
+    return text
+
+
+def _levels(state: State, told: Integrity, now_s: float) -> Text:
+    """Protection level against alert limit: of each axis, of the whole error, and along the orbit."""
+    text = Text()
+    rows: list[tuple[str, float, float]] = []
+    q, heard_s = state.protection, state.protection_s
+    if q is not None:
+        rows = [
+            (f"axis {name}", *pair) for name, pair in zip("xyz", zip(q.level_m, q.limit_m, strict=True), strict=True)
+        ]
+    else:
+        rows.append(("any axis", told.bound_m, told.limit_m))
+        heard_s = state.integrity_s
+    rows.append(("in space", told.bound_3d_m, told.limit_m))
+    for i, (name, level_m, limit_m) in enumerate(rows):
+        judged = told.driver == 1 if name == "in space" else told.driver != 1
+        share = percent(level_m / limit_m) if limit_m > 0.0 and math.isfinite(level_m) else ""
+        text.append(
+            f"{'protection' if i == 0 else '':<13}{name:<10}{metres(level_m):>9} of {metres(limit_m):<9}{share:>7}"
+        )
+        text.append(f"  {_bar(level_m, limit_m)}" if judged else "  for reading: the flag looks at the other", "")
+        text.append((stale_mark(now_s, heard_s) if i == 0 else "") + "\n", style="bold yellow")
+    if q is not None:
+        text.append(f"{'':<13}radial, along, cross-track  {metres_each(q.level_rtn_m)} (for reading)\n")
     return text
 
 

@@ -14,8 +14,8 @@ from flightsw.icd.alerts import Severity
 from flightsw.icd.enums import DaSource, FlagState, Governing
 from ground.console.link import Link, Statistics
 from ground.console.model import Event, State, active_alerts, age_s, cause_name
-from ground.console.text import gps_stamp, metres, percent, seconds, utc_clock
-from ground.console.told import TimeToFlag
+from ground.console.text import gps_stamp, metres, metres_each, percent, seconds, utc_clock
+from ground.console.told import Integrity, TimeToFlag
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, Judgement, mode_word
 
 LABEL = 11
@@ -50,9 +50,10 @@ The verdict is flight's own, withdrawn where another value disagrees.
 
 Uncertified table: no probability stands behind the bound.
 STALE and an age mark every value not renewed for 3 s.
-Plot: bound in dots, limit as a line; ░ coasting, ▒ failed.
+Plot: bound in dots, limit as a line; ░ coasting, ▒ failed. x: the levels of the
+GCRF axes x, y, z, and 3 of the whole error in space, each in its letter.
 
-  q quit   ? this help   p pause (live: of plot and events)
+  q quit   ? this help   p pause (live: of plot and events)   x axes in the plot
   1-9 pages, tab the next     up, down choose a line or scroll
   a acknowledge the alarm that is marked      o orders (each is confirmed)
   l list parameters   s set the marked one
@@ -144,22 +145,20 @@ def values(state: State, now_s: float) -> Text:
 def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     i, heard_s = state.integrity, state.integrity_s
     if i is None:
-        for label in ("mode", "bound", "limit", "fix age", "flag", "stored dA", "streak"):
+        for label in ("mode", "bound", "x, y, z", "bound 3-D", "fix age", "flag"):
             yield label, "", None
     else:
-        share = ""
-        if i.limit_m > 0.0 and math.isfinite(i.driving_bound_m) and i.driving_bound_m < 1e4 * i.limit_m:
-            share = f"  {percent(i.driving_bound_m / i.limit_m)}"
+        q = state.protection
         yield "mode", mode_word(i.mode), heard_s
-        yield "bound", metres(i.bound_m) + ("" if i.driver == 1 else share), heard_s
-        yield "bound 3-D", metres(i.bound_3d_m) + (share if i.driver == 1 else ""), heard_s
-        yield "limit", metres(i.limit_m), heard_s
-        yield "fix age", seconds(i.fix_age_s), heard_s
+        yield "bound", metres(i.bound_m) + ("" if i.driver == 1 else _of_limit(i)), heard_s
+        yield "x, y, z", "" if q is None else metres_each(q.level_m), state.protection_s
+        yield "bound 3-D", metres(i.bound_3d_m) + (_of_limit(i) if i.driver == 1 else ""), heard_s
+        yield "fix age", f"{seconds(i.fix_age_s)}, {i.accepted_streak} in a row", heard_s
         yield "flag", flag_words(i.flag_state, i.flag_age_s), heard_s
-        yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
-        yield "streak", f"{i.accepted_streak} fixes accepted", heard_s
     t = state.time_to_flag
     yield "time left", "" if t is None else time_left(t), state.time_to_flag_s
+    if t is not None and governed(t):
+        yield "governs", governed(t), state.time_to_flag_s
     n = state.innovation
     words = "" if n is None else f"{_plain(n.nis)} of {_plain(n.gate)}, mean {_plain(n.mean_nis)}"
     if n is not None and not n.used:
@@ -168,8 +167,9 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     # GPS_RAW_INT is repeated like the innovation and carries no time of its own.
     fix_s = state.satellites_s if n is None else state.innovation_s
     yield "satellites", "" if state.satellites is None else str(state.satellites), fix_s
+    if i is not None:
+        yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
     nav = state.nav
-    yield "radius", "" if nav is None else f"{nav.radius_m / 1e3:,.1f} km"[:16], state.nav_s
     yield "GPS time", "" if nav is None else gps_stamp(nav.t_gps_ns), state.nav_s
     # The name comes once a minute, the CRC with every integrity: a name of another CRC is out of date.
     named = state.table is not None and i is not None and state.table.crc32 == i.table_crc32
@@ -179,17 +179,31 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     yield "heartbeat", seconds(0.0) if state.heartbeat_s is None else "beating", state.heartbeat_s
 
 
+def _of_limit(i: Integrity) -> str:
+    """What a bound is compared with, and the share of it."""
+    words = f" of {metres(i.limit_m)}"
+    if i.limit_m > 0.0 and math.isfinite(i.driving_bound_m) and i.driving_bound_m < 1e4 * i.limit_m:
+        words += f"  {percent(i.driving_bound_m / i.limit_m)}"
+    return words
+
+
 def time_left(told: TimeToFlag) -> str:
-    """How long until the flag, what governs it, and how old the prediction is."""
+    """How long until the flag."""
     if told.governing == Governing.FLAG:
         return "none: the flag is up"
-    if told.governing == Governing.NOT_READY or not math.isfinite(told.time_to_flag_s):
+    if not governed(told):
         return "not predicted yet"
+    least = "> " if told.governing == Governing.HORIZON else ""
+    return f"{least}{seconds(told.time_to_flag_s)}{'' if told.in_outage else ' without GNSS'}"
+
+
+def governed(told: TimeToFlag) -> str:
+    """What ends that time, and how old the prediction is; nothing where none was made."""
+    if told.governing in (Governing.FLAG, Governing.NOT_READY) or not math.isfinite(told.time_to_flag_s):
+        return ""
     known = told.governing in Governing._value2member_map_
     governs = Governing(told.governing).name.lower().replace("_", " ") if known else f"cause {told.governing}"
-    least = "> " if told.governing == Governing.HORIZON else ""
-    when = "" if told.in_outage else " if GNSS were lost now"
-    return f"{least}{seconds(told.time_to_flag_s)}{when} ({governs}, {seconds(told.prediction_age_s)} old)"
+    return f"{governs}, {seconds(told.prediction_age_s)} old"
 
 
 def flag_words(flag_state: int, flag_age_s: float) -> str:

@@ -1,8 +1,8 @@
 """The console without a screen: one line a second on standard output, fit for a log or a pipe.
 
-A status line holds the link's time, the verdict, mode, bound, limit, fix age, time to the flag, satellites, flag,
-table, alarms, ages of link and heartbeat, what stands behind the table, and the reason. What is not renewed says
-STALE. Events stand on lines of their own as they are heard.
+A status line holds the link's time, the verdict, mode, bound, limit, fix age, the bound by axis and in space, time to
+the flag, satellites, flag, table, alarms, ages of link and heartbeat, what stands behind the table, and the reason.
+What is not renewed says STALE. Events stand on lines of their own as they are heard.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from ground.console import gnss
 from ground.console.crosslink_page import plain_words
 from ground.console.link import Link
 from ground.console.model import Event, State, age_s, reduce
-from ground.console.panels import flag_words, severity_word, time_left
-from ground.console.text import metres, seconds, utc_stamp
+from ground.console.panels import flag_words, governed, severity_word, time_left
+from ground.console.text import metres, metres_each, seconds, utc_stamp
 from ground.console.tlog import TlogLink
 from ground.console.verdict import STALE_S, judge_link, mode_word
 
@@ -34,9 +34,13 @@ def status_line(state: State, now_s: float, link: object = None) -> str:
             f"{mode_word(i.mode):<10} bound {metres(i.driving_bound_m):<8} limit {metres(i.limit_m):<7} "
             f"fix age {seconds(i.fix_age_s)}{stale}"
         )
+    if state.protection is not None:
+        each = metres_each(state.protection.level_m)
+        parts.append(f"x y z {each}, 3-D {metres(state.protection.level_3d_m)}{_stale(now_s, state.protection_s)}")
     left = state.time_to_flag
     if left is not None:
-        parts.append(f"time left {time_left(left)}{_stale(now_s, state.time_to_flag_s)}")
+        governs = f" ({governed(left)})" if governed(left) else ""
+        parts.append(f"time left {time_left(left)}{governs}{_stale(now_s, state.time_to_flag_s)}")
     if state.satellites is not None:
         parts.append(f"{state.satellites} satellites{_stale(now_s, state.innovation_s or state.satellites_s)}")
     if state.gnss is not None:

@@ -14,11 +14,15 @@ from ground.console.text import metres
 SHADES = {Mode.AUTONOMOUS: "░", Mode.FAILED: "▒"}
 SMALLEST_M, LARGEST_M = 1e-3, 1e9
 GAP_STEPS = 5.0
+LETTERS, COLOURS = "xyz3", ("cyan", "green", "magenta", "orange")  # of the levels in a Sample
 FRAME_ROWS = 4  # of the panel: frame, tick labels, axis label
 
 
-def draw(plt: Any, history: tuple[Sample, ...], step_s: float, columns: int, rows: int) -> None:
-    """Draw the history into a plotext figure of at most `columns` x `rows` characters."""
+def draw(plt: Any, history: tuple[Sample, ...], step_s: float, columns: int, rows: int, by_axis: bool = False) -> None:
+    """Draw the history into a plotext figure of at most `columns` x `rows` characters.
+
+    by_axis: the levels of x, y, z and of the whole error, each in its letter, in place of the bound.
+    """
     plt.clear_figure()
     points = [s for s in history if math.isfinite(s.bound_m) and s.bound_m > 0.0]
     if not points:
@@ -27,14 +31,17 @@ def draw(plt: Any, history: tuple[Sample, ...], step_s: float, columns: int, row
     start_s, stop_s = history[0].t_gps_s, history[-1].t_gps_s
     unit_s, unit = (60.0, "min") if stop_s - start_s > 600.0 else (1.0, "s")
     limit_m = history[-1].limit_m
-    low, high = _decades([s.bound_m for s in points], limit_m)
+    levels = [level for s in points for level in s.levels_m if level > 0.0 and math.isfinite(level)] if by_axis else []
+    low, high = _decades([s.bound_m for s in points] + levels, limit_m)
     span = max((stop_s - start_s) / unit_s, 1.0)
     plt.xlim(0.0, span)
     plt.ylim(low, high)
     _shade(plt, history, start_s, unit_s, span, (low, high), columns, rows)
     if math.isfinite(limit_m) and limit_m > 0.0:
         plt.plot([0.0, span], [_log(limit_m)] * 2, marker="─", color="red")
-    for piece in _pieces(points, GAP_STEPS * step_s):
+    if by_axis:
+        _axes(plt, points, start_s, unit_s)
+    for piece in () if by_axis else _pieces(points, GAP_STEPS * step_s):
         plt.plot(
             [(s.t_gps_s - start_s) / unit_s for s in piece],
             [_log(s.bound_m) for s in piece],
@@ -47,6 +54,21 @@ def draw(plt: Any, history: tuple[Sample, ...], step_s: float, columns: int, row
     marks = [k * step for k in range(int(span / step) + 1)]
     plt.xticks(marks, [f"{mark:g}" for mark in marks])
     plt.xlabel(f"flight time since first heard [{unit}]")
+
+
+def _axes(plt: Any, points: list[Sample], start_s: float, unit_s: float) -> None:
+    """A letter for each point of each axis, the largest drawn last: it must not be hidden."""
+    known = [s for s in points if s.levels_m]
+    order = sorted(range(len(LETTERS)), key=lambda k: known[-1].levels_m[k] if known else 0.0)
+    for k in order:
+        shown = [s for s in known if math.isfinite(s.levels_m[k]) and s.levels_m[k] > 0.0]
+        if shown:
+            plt.scatter(
+                [(s.t_gps_s - start_s) / unit_s for s in shown],
+                [_log(s.levels_m[k]) for s in shown],
+                marker=LETTERS[k],
+                color=COLOURS[k],
+            )
 
 
 def metres_short(value: float) -> str:

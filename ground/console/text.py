@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 GPS_EPOCH = datetime(1980, 1, 6)
@@ -41,6 +42,21 @@ def metres(value: float | None) -> str:
     if abs(value) >= 9999.5:
         return f"{value / 1e3:.1f} km"
     return f"{value:.0f} m" if abs(value) >= 99.95 else f"{value:.1f} m" if abs(value) >= 9.995 else f"{value:.2f} m"
+
+
+def metres_each(values: Sequence[float]) -> str:
+    """`2.41  1.10  0.93 m`: several lengths in one unit, that of the largest."""
+    known = [abs(value) for value in values if math.isfinite(value)]
+    unit, scale = ("km", 1e3) if known and max(known) >= 9999.5 else ("m", 1.0)
+    return f"{'  '.join(_short(value / scale) for value in values)} {unit}"
+
+
+def _short(value: float) -> str:
+    if math.isnan(value):
+        return "?"
+    if math.isinf(value) or abs(value) >= 1e6:
+        return "inf" if math.isinf(value) else f"{value:.1e}"
+    return f"{value:.0f}" if abs(value) >= 99.95 else f"{value:.1f}" if abs(value) >= 9.995 else f"{value:.2f}"
 
 
 def seconds(value: float | None) -> str:

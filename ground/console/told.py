@@ -33,6 +33,17 @@ class Integrity(NamedTuple):
         return self.bound_3d_m if self.driver == 1 else self.bound_m
 
 
+class Protection(NamedTuple):
+    """LEONAV_PROTECTION: protection level and alert limit of each axis [m]."""
+
+    t_gps_ns: int
+    level_m: tuple[float, ...]
+    limit_m: tuple[float, ...]
+    level_3d_m: float
+    level_rtn_m: tuple[float, ...]
+    driver: int
+
+
 class NavState(NamedTuple):
     """LEONAV_NAV_STATE: geocentric distance [m] and speed [m/s] stand for the vectors on the screen."""
 

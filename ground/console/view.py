@@ -61,6 +61,7 @@ class ConsoleApp(Ordering):
         ("q", "quit", "quit"),
         ("question_mark", "help", "help"),
         ("p", "pause", "pause"),
+        ("x", "axes", "axes in the plot"),
         *((str(number % 10), f"page({number - 1})", name) for number, name in enumerate(pages.PAGES, 1)),
         Binding("tab", "page(-1)", "next page", priority=True),
         ("up", "choose(-1)", "choose"),
@@ -114,6 +115,7 @@ class ConsoleApp(Ordering):
         self.state = model.State(started_s=link.now_s())
         self.judgement: Judgement | None = None
         self.paused = False
+        self.by_axis = False  # the plot
         self._period_s = period_s
         self._frozen: model.State | None = None
         for remark in link.remarks if isinstance(link, TlogLink) else ():
@@ -137,7 +139,6 @@ class ConsoleApp(Ordering):
         for name in ("values", "events", "counters"):
             self.query_one(f"#{name}").border_title = name
         self.query_one("#counters").border_title = "rejected by cause"
-        self.query_one("#plot").border_subtitle = "⠒ bound  ─ limit  ░ coasting  ▒ failed"
         self._show_page()
         with suppress(NotImplementedError, RuntimeError):  # where the system has no such signal
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
@@ -273,12 +274,19 @@ class ConsoleApp(Ordering):
         frozen = "PAUSED " if self._frozen else ""
         stale = "STALE " if model.age_s(now_s, shown.integrity_s) > STALE_S else ""
         widget.border_title = frozen + stale + plot.title(shown.history)
-        plot.draw(widget.plt, shown.history, shown.history_step_s, size.width, size.height)
+        drawn = "x y z axes  3 in space" if self.by_axis else "⠒ bound"
+        widget.border_subtitle = f"{drawn}  ─ limit  ░ coasting  ▒ failed"
+        plot.draw(widget.plt, shown.history, shown.history_step_s, size.width, size.height, self.by_axis)
         widget.refresh()
 
     def action_help(self) -> None:
         """Show the help."""
         self.push_screen(Help())
+
+    def action_axes(self) -> None:
+        """Plot the levels of the axes, or the bound again."""
+        self.by_axis = not self.by_axis
+        self.redraw()
 
     def action_pause(self) -> None:
         """Pause or go on: a replay stands still; live, only plot and events do."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flightsw.icd.alerts import ALERTS
+from flightsw.icd.alerts import ALERTS, QUANTITIES, Quantity
 from flightsw.icd.certificate import CERTIFICATE
 from flightsw.icd.enums import RejectCause, Validity
 from flightsw.icd.table_schema import SCHEMAS, Field, Schema
@@ -160,12 +160,22 @@ def _bus_values(bus: Bus) -> str:
 
 
 def _alerts() -> str:
-    return "## Alerts\n\nThe id is also the bit in the `alerts` word. Flight sends the id, the ground the text.\n\n" + (
+    return (
+        "## Alerts\n\nThe id is also the bit in the `alerts` word. Flight sends the id, the ground the text.\n"
+        "value: of LEONAV_ALERT, in the tick that raised it; -: none, NaN.\n\n"
+    ) + (
         _table(
-            ("id", "name", "severity", "text"),
-            ((int(a.id), a.id.name, a.severity.name.lower(), a.text) for a in ALERTS.values()),
+            ("id", "name", "severity", "text", "value"),
+            (
+                (int(a.id), a.id.name, a.severity.name.lower(), a.text, _quantity(QUANTITIES[int(a.id)]))
+                for a in ALERTS.values()
+            ),
         )
     )
+
+
+def _quantity(quantity: Quantity) -> str:
+    return " ".join((quantity.name or "-", f"[{quantity.unit}]" if quantity.unit else "")).rstrip()
 
 
 def _mavlink(messages: Sequence[Message], enums: Sequence[Enum]) -> str:

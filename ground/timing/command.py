@@ -10,7 +10,7 @@ from typing import Any
 
 from ground.errors import OperatorError
 
-PARTS = ("kernels", "ticks", "start", "realtime")
+PARTS = ("kernels", "ticks", "start", "realtime", "link")
 USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
@@ -115,7 +115,26 @@ def _real_time(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-_MEASURES = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time}
+def _link(args: argparse.Namespace) -> dict[str, Any]:
+    import tempfile
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from ground.timing import link_work
+
+    ticks = link_work.QUICK_TICKS if args.quick else link_work.TICKS
+    _tell(f"link: {ticks:,} ticks with the ground link open")
+    columns = (TextColumn("link"), BarColumn(), MofNCompleteColumn(), TextColumn("ticks"), TimeRemainingColumn())
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress,
+    ):
+        task = progress.add_task("link", total=ticks)
+        return link_work.fly(ticks, Path(folder), lambda flown: progress.update(task, completed=flown))
+
+
+_MEASURES = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time, "link": _link}
 
 
 def _tell(text: str) -> None:

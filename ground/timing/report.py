@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+LINK_SHARE = 0.15  # of the tick
 MEMBER_COLUMNS = ("runs", "mean_us", "p50_us", "p99_us", "p99.9_us", "max_us", "budget_us", "over_budget")
 
 _HEAD = """\
@@ -29,6 +30,7 @@ def render(found: dict[str, Any]) -> str:
         "ticks": _ticks,
         "start": _start,
         "realtime": _real_time,
+        "link": _link,
     }
     return "\n".join([*parts, *(make(found[name]) for name, make in makers.items() if name in found)])
 
@@ -81,6 +83,37 @@ def _real_time(flights: dict[str, dict[str, Any]]) -> str:
             "",
         ]
     return "\n".join(lines)
+
+
+def _link(found: dict[str, Any]) -> str:
+    period_us, link, whole, held = found["period_us"], found["link"], found["whole"], found["held"]
+    lines = [
+        "## The ground link\n",
+        f"{link['runs']:,} ticks in lockstep after {found['warm_ticks']:,} to warm, one every {period_us / 1000:g} ms:",
+        f"a UDP peer of this machine, signed both ways, default rates; {found['heard']:,} messages down,",
+        f"{found['orders_taken']:,} of {found['orders_sent']:,} orders and requests taken, {found['refused']:,} not",
+        f"({_process(found)}).\n",
+        "| of one tick | mean | p50 | p99 | p99.9 | max |",
+        "|---|---|---|---|---|---|",
+    ]
+    columns = ("mean_us", "p50_us", "p99_us", "p99.9_us", "max_us")
+    for name, member in (("the link's work", link), ("all work", whole)):
+        lines.append(f"| {name} [us] | " + " | ".join(f"{member[column]:,.1f}" for column in columns) + " |")
+    shares = " | ".join(f"{link[column] / period_us:.2%}" for column in columns)
+    lines += [
+        f"| the link's share of the tick | {shares} |",
+        "",
+        f"More than {LINK_SHARE:.0%} of the tick: {link['over_budget']:,} of {link['runs']:,} ticks.",
+        f"Of the work that is done in a tick the link's is {link['mean_us'] / whole['mean_us']:.0%}.\n",
+        "Held at the beginning, and after each tenth:\n",
+        "| | " + " | ".join(str(part) for part in range(len(held))) + " |",
+        "|---|" + "---|" * len(held),
+        "| blocks | " + " | ".join(f"{at['blocks'] - held[0]['blocks']:+,}" for at in held) + " |",
+        "| resident, kB | "
+        + " | ".join(f"{(at['resident_bytes'] - held[0]['resident_bytes']) / 1e3:+,.0f}" for at in held)
+        + " |",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _process(timing: dict[str, Any]) -> str:

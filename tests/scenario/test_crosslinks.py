@@ -46,6 +46,10 @@ class Flown:
         told = [m for m in self.sink.of("LEONAV_ALERT") if m.alert_id == alert]
         return [((m.t_gps_ns - start) / NS, m.active) for m in told]
 
+    def values(self, alert: AlertId) -> list[float]:
+        """What went with each LEONAV_ALERT of a kind that began."""
+        return [m.value for m in self.sink.of("LEONAV_ALERT") if m.alert_id == alert and m.active]
+
     def at(self, second: float) -> np.void:
         """The last status frame before this age of the scenario."""
         return next(record for tick, record in reversed(self.status) if tick / 10.0 < second)
@@ -73,6 +77,7 @@ def test_a_neighbours_jump_is_named_within_two_seconds_and_over_when_it_agrees_a
     assert (began, ended) == (1, 0)
     assert 10.0 < raised_s <= 12.0
     assert 47.0 <= over_s <= 52.0
+    assert flown.values(AlertId.CROSSLINK_NEIGHBOUR_FAULTY) == [OTHER]
     during = flown.at(16.0)
     assert int(during["faulty"]) == 1 << (OTHER - 1)
     assert during["own_state"] == CrosslinkState.CLEAR
@@ -86,6 +91,7 @@ def test_the_own_jump_is_a_critical_alert_within_two_seconds(flown: Flown) -> No
     ((raised_s, began), *_) = flown.alerts(AlertId.CROSSLINK_OWN_FAULT)
     assert began == 1
     assert 58.0 < raised_s <= 60.0
+    assert flown.values(AlertId.CROSSLINK_OWN_FAULT)[0] > 1.0  # statistic over its threshold
     told = flown.at(64.0)
     assert told["own_state"] == CrosslinkState.FAULT
     assert told["majority"] == CrosslinkMajority.RELIABLE

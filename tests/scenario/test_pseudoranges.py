@@ -86,6 +86,9 @@ def test_three_faulty_satellites_are_named_at_once_and_do_no_harm() -> None:
     assert found["offered"][during].sum() >= len(during) - 1
     warned_s = flight.seconds[[bool(alerts >> AlertId.GNSS_EXCLUDED & 1) for alerts in alert_words(flight)]]
     assert START_S < warned_s[0] <= START_S + 4.0
+    events = flight.loop.events.newest_first()
+    raised = events[(events["alert_id"] == AlertId.GNSS_EXCLUDED) & (events["active"] == 1)]
+    assert raised["value"].tolist() == [3.0]  # satellites left out, not navigation's bound
     assert STOP_S + 25.0 <= warned_s[-1] <= STOP_S + 35.0
     assert error_m(flight).max() <= error_m(flight_with(())).max() + 0.1
 

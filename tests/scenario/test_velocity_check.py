@@ -68,6 +68,9 @@ def test_a_biased_velocity_is_told_of_within_seconds(biased: tuple[Flight, Heard
     # the mean of the last fifty fixes holds forty biased ones
     assert math.hypot(*heard.checks[-1].bias_mps) == pytest.approx(0.55 * BIAS_MPS, rel=0.25)
     assert flight.out["flag"][0] == 0
+    # the alert carries what the message says of the same fix, not navigation's bound
+    said = next(math.hypot(*told.bias_mps) for told in heard.checks if told.fault)
+    assert raised.value == pytest.approx(said, rel=0.1)
 
 
 def test_the_replay_says_the_same(biased: tuple[Flight, Heard, Path]) -> None:

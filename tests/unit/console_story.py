@@ -55,6 +55,18 @@ def integrity(**changes: Any) -> mavlink.MAVLink_leonav_integrity_message:
     return mavlink.MAVLink_leonav_integrity_message(**(values | changes))
 
 
+def protection(t_gps_ns: int, bound_m: float, **changes: Any) -> mavlink.MAVLink_leonav_protection_message:
+    """A LEONAV_PROTECTION: the bound is that of y."""
+    values: dict[str, Any] = {
+        "level_m": [0.5 * bound_m, bound_m, 0.25 * bound_m],
+        "limit_m": [LIMIT_M] * 3,
+        "level_3d_m": 1.2 * bound_m,
+        "level_rtn_m": [0.3 * bound_m, 1.1 * bound_m, 0.2 * bound_m],
+        "driver": 0,
+    }
+    return mavlink.MAVLink_leonav_protection_message(t_gps_ns, **(values | changes))
+
+
 def alert(sequence: int, alert_id: int, severity: int, **changes: Any) -> mavlink.MAVLink_leonav_alert_message:
     """A LEONAV_ALERT."""
     values = {"t_gps_ns": START_GPS_NS + sequence, "value": 0.0, "active": 1} | changes
@@ -106,6 +118,7 @@ def second(t_s: int) -> Iterator[Any]:
         stored_da_coverage_pct=min(100, t_s // 10),
         da_source=DaSource.STORED if age_s else DaSource.FILTER,
     )
+    yield protection(t_gps_ns, bound_m)
     phase = 2.0 * math.pi * t_s / 5580.0
     yield mavlink.MAVLink_leonav_nav_state_message(
         t_gps_ns,

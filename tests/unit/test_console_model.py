@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flightsw.icd import mavlink
 from flightsw.icd.enums import Certificate, FlagState, Governing, Mode, RejectCause, Uncovered, Verdict
 from ground.console.model import MAX_EVENTS, MAX_HISTORY, State, active_alerts, age_s, alert_text, cause_name, reduce
-from ground.console.panels import time_left
+from ground.console.panels import governed, time_left
 from ground.console.text import gps_stamp, metres, safe, seconds
 from ground.console.told import TimeToFlag
 from ground.console.verdict import LINK_TIMEOUT_S, STALE_S, judge
@@ -153,7 +153,7 @@ def test_alerts_are_worded_on_the_ground_and_repeats_shown_once() -> None:
     state = after(alert(0, 1, 2, value=2003.2), alert(0, 1, 2, value=2003.2))
 
     assert [event.text for event in state.events] == [
-        "Error bound above the limit: do not use the state [2003.2] (FLAG_RAISED)"
+        "Error bound above the limit: do not use the state [bound 2003.2 m] (FLAG_RAISED)"
     ]
     assert state.events[0].severity == 2
 
@@ -310,12 +310,12 @@ def test_gps_time_is_counted_without_leap_seconds() -> None:
 def test_time_left_is_shown_with_what_governs_it_and_its_age():
     """GIVEN predictions of every kind THEN their words say how long, why, how old; never more than is known."""
     words = {
-        "4 h 59 min if GNSS were lost now (bound, 12.0 s old)": TimeToFlag(0, 17971.0, 12.0, Governing.BOUND, 0),
-        "300 s (earth orientation, 3.0 s old)": TimeToFlag(0, 300.0, 3.0, Governing.EARTH_ORIENTATION, 1),
-        "> 27 h 46 min (horizon, 3.0 s old)": TimeToFlag(0, 1e5, 3.0, Governing.HORIZON, 1),
-        "none: the flag is up": TimeToFlag(0, 0.0, 0.0, Governing.FLAG, 1),
-        "not predicted yet": TimeToFlag(0, math.nan, math.nan, Governing.BOUND, 0),
-        "50.0 s (cause 77, 1.0 s old)": TimeToFlag(0, 50.0, 1.0, 77, 1),
+        ("4 h 59 min without GNSS", "bound, 12.0 s old"): TimeToFlag(0, 17971.0, 12.0, Governing.BOUND, 0),
+        ("300 s", "earth orientation, 3.0 s old"): TimeToFlag(0, 300.0, 3.0, Governing.EARTH_ORIENTATION, 1),
+        ("> 27 h 46 min", "horizon, 3.0 s old"): TimeToFlag(0, 1e5, 3.0, Governing.HORIZON, 1),
+        ("none: the flag is up", ""): TimeToFlag(0, 0.0, 0.0, Governing.FLAG, 1),
+        ("not predicted yet", ""): TimeToFlag(0, math.nan, math.nan, Governing.BOUND, 0),
+        ("50.0 s", "cause 77, 1.0 s old"): TimeToFlag(0, 50.0, 1.0, 77, 1),
     }
-    assert [time_left(told) for told in words.values()] == list(words)
+    assert [(time_left(told), governed(told)) for told in words.values()] == list(words)
     assert time_left(TimeToFlag(0, 10.0, 1.0, Governing.NOT_READY, 0)) == "not predicted yet"

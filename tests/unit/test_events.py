@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flightsw.events import EventRing
-from flightsw.icd.alerts import ALERTS, AlertId
+from flightsw.icd.alerts import ALERTS, BOUND, QUANTITIES, AlertId
 
 FLAG, OUTAGE, JUMP = (1 << int(a) for a in (AlertId.FLAG_RAISED, AlertId.OUTAGE_START, AlertId.TIME_JUMP_REJECTED))
 
@@ -62,3 +64,23 @@ def test_the_oldest_are_overwritten_and_the_newest_come_first():
 def test_a_new_ring_is_empty():
     events, _ = ring()
     assert len(events.newest_first()) == 0
+
+
+def test_an_alert_carries_the_value_that_is_its_own_or_none():
+    """GIVEN one function that tells a value WHEN all alerts come at once THEN navigation's have its bound, that
+    function's its own value as it is now, and the others none."""
+    events, told = ring()
+    counted = [3.0]
+    events.values[int(AlertId.GNSS_EXCLUDED)] = lambda: counted[0]
+    for round_ in (1, 2):
+        counted[0] = float(round_)
+        events.note(round_, sum(1 << int(alert) for alert in ALERTS), 0, 12.5)
+    for _, t_gps_ns, alert_id, _, value in told:
+        if alert_id == AlertId.GNSS_EXCLUDED:
+            assert value == t_gps_ns
+        elif QUANTITIES[alert_id] is BOUND:
+            assert value == 12.5
+        else:
+            assert math.isnan(value)
+    kept = events.newest_first()
+    assert kept["value"][kept["alert_id"] == AlertId.GNSS_EXCLUDED].tolist() == [2.0, 1.0]
