@@ -33,6 +33,9 @@ def add_arguments(subparsers: Any) -> None:
     study = words.add_parser("study", help="fly the paper's scenario and the velocity check, write study.json, figures")
     study.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
     study.add_argument("--runs", type=int, metavar="N", help="runs of each part (default 4, 24, 400)")
+    study.add_argument(
+        "--peer-python", type=Path, metavar="PATH", help="interpreter that has pynumdiff, to stand beside"
+    )
     study.add_argument("--quick", action="store_true", help="a few runs, whether all works")
     study.add_argument("--seed", type=int, default=1, metavar="N", help="root of all random numbers (default 1)")
     study.add_argument("--out", type=Path, default=USUAL, metavar="DIR", help=f"folder (default {USUAL})")
@@ -143,7 +146,7 @@ def _held(path: Path) -> dict[str, Any]:
 
 def _fly(part: str, args: argparse.Namespace) -> dict[str, Any]:
     from flightsw.kernels.registry import warm_up
-    from ground.derivative import monitor, peers, study
+    from ground.derivative import monitor, study
 
     warm_up()
     runs = args.runs or (QUICK_RUNS if args.quick else USUAL_RUNS)[part]
@@ -153,8 +156,8 @@ def _fly(part: str, args: argparse.Namespace) -> dict[str, Any]:
     with _progress(part, runs) as advance:
         if part == "monitor":
             return monitor.monitor_part(folder, args.seed, runs, advance, jobs=args.jobs, chunk_runs=4)
-        flight = study.Estimators(args.seed, pynumdiff=peers.has_pynumdiff())
-        return study.scenario_part(folder, flight, runs, advance, jobs=args.jobs, chunk_runs=1)[0]
+        how: dict[str, Any] = {"peer_python": args.peer_python, "jobs": args.jobs, "chunk_runs": 1}
+        return study.scenario_part(folder, study.Estimators(args.seed), runs, advance, **how)[0]
 
 
 def _tune(args: argparse.Namespace) -> int:

@@ -88,7 +88,7 @@ def gains_figure(paper: dict[str, Any], found: dict[str, Any]) -> Figure:
         ("local polynomial of best width", *_both(found, "savitzky_golay"), "^", style.FLAG),
     )
     if found["pynumdiff"]:
-        marks = (*marks, ("pynumdiff, whole record", *_both(found, "pynumdiff"), "v", "#e69f00"))
+        marks = (*marks, ("pynumdiff, whole record", *_both(found, "pynumdiff_rts"), "v", "#e69f00"))
     for label, x, y, marker, colour in marks:
         axes.plot([x], [y], marker=marker, ms=9, color=colour, lw=0, label=label)
     axes.axvline(0.019, color=style.LIMIT, lw=0.8, ls=":")

@@ -1,29 +1,25 @@
-"""What others would do with the same positions: a local polynomial, and pynumdiff where it is installed.
+"""What others would do with the same positions: a local polynomial, and pynumdiff where an interpreter has it.
 
-Both look ahead and know the noise; their parameters are the best of a grid on a track of the tuning branch, which is
-more than a user could do.
+All look ahead; their parameters are the best of a grid on a track of the tuning branch whose truth is known, which is
+more than a user could do. pynumdiff's acceleration is the difference quotient of its velocity.
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ground.derivative import scenario
 from ground.derivative.tuning import LAG_S, SMOOTHED_LIMITS
+from ground.peers import interpreter
 
-ABSENT = "pynumdiff is not installed: it is left out (pip install pynumdiff, and run again in another folder)"
+ABSENT = f"pynumdiff was not asked: name an interpreter that has it with --peer-python ({interpreter.HOW})"
+SCRIPT = "pynumdiff_tracks.py"
+METHODS = {"pynumdiff_rts": "rts", "pynumdiff_savgol": "savgol"}
 _GRID_S = (4.0, 6.0, 8.0, 10.0, 14.0, 18.0, 22.0, 26.0, 30.0)  # half windows
-_RATIOS = tuple(range(-16, 3))  # log10 q / r of pynumdiff
-
-
-def has_pynumdiff() -> bool:
-    """Whether it can be imported."""
-    return importlib.util.find_spec("pynumdiff") is not None
 
 
 def savitzky_golay(z: np.ndarray, step_s: float, half: int, degree: int = 4) -> np.ndarray:
@@ -37,13 +33,6 @@ def savitzky_golay(z: np.ndarray, step_s: float, half: int, degree: int = 4) -> 
         fitted = np.convolve(z, rows[k][::-1], mode="valid") * factor / (half * step_s) ** k
         answer[half : len(z) - half, k] = fitted
     return answer
-
-
-def pynumdiff_velocity(z: np.ndarray, step_s: float, log_ratio: int) -> np.ndarray:
-    """Estimates (m, 3) of pynumdiff's constant-jerk smoother over the whole record; it gives no acceleration."""
-    smooth: Any = importlib.import_module("pynumdiff.kalman_smooth")
-    position, velocity = smooth.rtsdiff(z, step_s, 3, log_ratio, True)
-    return np.column_stack([position, velocity, np.full(len(z), np.nan)])
 
 
 def _worst(estimate: np.ndarray, columns: int) -> float:
@@ -60,9 +49,33 @@ def best_half(seed: int) -> int:
     return min(halves, key=lambda half: _worst(savitzky_golay(z, scenario.STEP_S, half), 4))
 
 
-@lru_cache(maxsize=2)
-def best_ratio(seed: int) -> int:
-    """log10 q / r with which pynumdiff does best on a tuning track."""
-    true = scenario.truth()
-    z = true.y_m + scenario.errors(scenario.tuning_stream(seed, 0), len(true.t_s))
-    return min(_RATIOS, key=lambda ratio: _worst(pynumdiff_velocity(z, scenario.STEP_S, ratio), 2))
+class Pynumdiff(NamedTuple):
+    """Figures (runs, 6) by name, the parameters chosen, the version."""
+
+    figures: dict[str, np.ndarray]
+    words: dict[str, str]
+    version: str
+
+
+def pynumdiff(python: Path, seed: int, z_m: np.ndarray) -> Pynumdiff:
+    """pynumdiff's smoothers over positions (runs, m) of the scenario. Raises OperatorError where it cannot be asked."""
+    true = scenario.truth(LAG_S)
+    tune = true.y_m + scenario.errors(scenario.tuning_stream(seed, 0), len(true.t_s))
+    answer = interpreter.ask(
+        python,
+        SCRIPT,
+        tune_m=tune,
+        truth_mps=true.v_mps,
+        counted=np.array([true.straight, true.yawing]),
+        z_m=z_m,
+        step_s=np.array(scenario.STEP_S),
+    )
+    figures = {
+        name: np.array(
+            [scenario.judge(np.column_stack((z, track)), LAG_S) for z, track in zip(z_m, answer[of], strict=True)]
+        )
+        for name, of in METHODS.items()
+    }
+    return Pynumdiff(
+        figures, {name: str(answer[of + "_words"]) for name, of in METHODS.items()}, str(answer["version"])
+    )

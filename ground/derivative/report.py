@@ -10,7 +10,8 @@ _WORDS = {
     "paper": "the paper's algorithm",
     "printed": "the printed gain",
     "savitzky_golay": "local polynomial (sees ahead)",
-    "pynumdiff": "pynumdiff (sees all)",
+    "pynumdiff_rts": "pynumdiff, Kalman (sees all)",
+    "pynumdiff_savgol": "pynumdiff, Savitzky-Golay",
 }
 
 
@@ -28,8 +29,6 @@ def _scenario(found: dict[str, Any]) -> list[str]:
     ]
     for name, one in found["estimators"].items():
         rms, worst = one["rms"], one["worst_run"]
-        if rms["v_straight"] is None:
-            continue
         cells = [
             "-" if rms[key] is None else f"{rms[key]:.4f} ({worst[key]:.4f})"
             for key in ("v_straight", "v_yawing", "a_straight", "a_yawing")
@@ -40,7 +39,10 @@ def _scenario(found: dict[str, Any]) -> list[str]:
         answer.append(f"{_WORDS[name]}: wanted {limits}: {'met' if found[f'{name}_met'] else 'NOT met'}")
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found["within_two_sigma"].items())
     answer.append(f"velocity errors within two of their own sigmas: {shares}")
-    if not found["pynumdiff"]:
+    if found["pynumdiff"]:
+        words = "; ".join(f"{_WORDS[name]}: {text}" for name, text in found["pynumdiff"]["parameters"].items())
+        answer.append(f"pynumdiff {found['pynumdiff']['version']}: {words}")
+    else:
         from ground.derivative.peers import ABSENT
 
         answer.append(ABSENT)

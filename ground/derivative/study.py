@@ -30,19 +30,24 @@ class Estimators:
     seed: int
     bank: BankSettings = field(default_factory=BankSettings)
     lagged: LagSettings = field(default_factory=lambda: LagSettings(lag_s=LAG_S))
-    pynumdiff: bool = False
+
+
+def positions(flight: Estimators, run: int) -> np.ndarray:
+    """Positions (m,) [m] of a reported run."""
+    true = scenario.truth()
+    stream = scenario.reported_stream((flight.bank, flight.lagged), flight.seed, run)
+    return np.asarray(true.y_m + scenario.errors(stream, len(true.t_s)))
 
 
 def fly_run(flight: Estimators, run: int) -> dict[str, np.ndarray]:
     """Figures of one run, by estimator; how often errors are within two of their own sigmas."""
     true = scenario.truth()
-    stream = scenario.reported_stream((flight.bank, flight.lagged), flight.seed, run)
-    z = true.y_m + scenario.errors(stream, len(true.t_s))
+    z = positions(flight, run)
     column, ones = z[:, None].copy(), np.ones((len(z), 1))
     causal = tracks.causal(flight.bank, true.t_s, column, ones)
     smoothed = tracks.smoothed(flight.lagged, true.t_s, column, ones)
     described = tracks.tuned(paper.described(), z)
-    answer = {
+    return {
         "causal": np.array(scenario.judge(causal.mean[:, 0])),
         "smoothed": np.array(scenario.judge(smoothed.mean[:, 0], LAG_S)),
         "paper": np.array(scenario.judge(described.mean)),
@@ -50,7 +55,6 @@ def fly_run(flight: Estimators, run: int) -> dict[str, np.ndarray]:
         "savitzky_golay": np.array(
             scenario.judge(peers.savitzky_golay(z, scenario.STEP_S, peers.best_half(flight.seed)), LAG_S)
         ),
-        "pynumdiff": np.full(len(NAMES), np.nan),
         "paper_gain": described.gain,
         "within": np.array(
             [
@@ -60,10 +64,6 @@ def fly_run(flight: Estimators, run: int) -> dict[str, np.ndarray]:
             ]
         ),
     }
-    if flight.pynumdiff:
-        found = peers.pynumdiff_velocity(z, scenario.STEP_S, peers.best_ratio(flight.seed))
-        answer["pynumdiff"] = np.array(scenario.judge(found, LAG_S))
-    return answer
 
 
 def _within(mean: np.ndarray, sigma: np.ndarray, part: str, lag_s: float) -> float:
@@ -84,7 +84,7 @@ def _code() -> str:
 
 
 def scenario_part(
-    folder: Path, flight: Estimators, runs: int, advance: Advance, **how: Any
+    folder: Path, flight: Estimators, runs: int, advance: Advance, peer_python: Path | None = None, **how: Any
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """All estimators on unseen runs: RMS pooled, of the worst run; verdicts against the limits."""
     what = {
@@ -95,8 +95,14 @@ def scenario_part(
     }
     store.open_folder(folder, what)
     figures = executor.complete(folder, flight, runs, advance, work=work, **how)
-    document: dict[str, Any] = {"runs": runs, "estimators": {}, "pynumdiff": flight.pynumdiff}
-    for name in ("causal", "smoothed", "paper", "printed", "savitzky_golay", "pynumdiff"):
+    document: dict[str, Any] = {"runs": runs, "estimators": {}, "pynumdiff": None}
+    names = ["causal", "smoothed", "paper", "printed", "savitzky_golay"]
+    if peer_python is not None:
+        asked = peers.pynumdiff(peer_python, flight.seed, np.array([positions(flight, k) for k in range(runs)]))
+        document["pynumdiff"] = {"version": asked.version, "parameters": asked.words}
+        figures = {**figures, **asked.figures}
+        names += asked.figures
+    for name in names:
         pooled, worst = np.sqrt(np.mean(np.square(figures[name]), axis=0)), figures[name].max(axis=0)
         document["estimators"][name] = {
             "rms": _named(pooled),

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.peers import interpreter
 
 HELP = "study the consistency test of GNSS satellites, or check a receiver's file with it"
 USUAL = Path("runs/gnss")
 PARTS = ("alarms", "detection", "exclusion", "protection", "speed", "inputs")
-USUAL_EPOCHS = {"alarms": 100_000, "detection": 2_000, "exclusion": 2_000, "protection": 100_000, "speed": 400}
-QUICK_EPOCHS = {"alarms": 2_000, "detection": 100, "exclusion": 100, "protection": 1_000, "speed": 50}
+USUAL_EPOCHS = {
+    "alarms": 100_000,
+    "detection": 2_000,
+    "exclusion": 2_000,
+    "protection": 100_000,
+    "speed": 400,
+    "peers": 1_000,
+}
+WITH_PEERS = (*PARTS, "peers")  # the last only where it is named: it needs another library
+QUICK_EPOCHS = {"alarms": 2_000, "detection": 100, "exclusion": 100, "protection": 1_000, "speed": 50, "peers": 20}
 
 
 def add_arguments(subparsers: Any) -> None:
@@ -21,8 +30,18 @@ def add_arguments(subparsers: Any) -> None:
     parser = subparsers.add_parser("gnss", help=HELP, description=HELP)
     words = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     study = words.add_parser("study", help="run the Monte Carlo studies and write study.json and figures")
-    study.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    study.add_argument(
+        "--parts",
+        nargs="+",
+        choices=WITH_PEERS,
+        default=list(PARTS),
+        metavar="PART",
+        help=", ".join(PARTS) + "; or peers",
+    )
     study.add_argument("--epochs", type=int, metavar="N", help="epochs (cases) of each part")
+    study.add_argument(
+        "--peer-python", type=Path, metavar="PATH", help="interpreter that has gnss_lib_py, for the part peers"
+    )
     study.add_argument("--quick", action="store_true", help="a few epochs, whether all works")
     study.add_argument("--seed", type=int, default=1, metavar="N", help="root of all random numbers (default 1)")
     study.add_argument("--out", type=Path, default=USUAL, metavar="DIR", help=f"folder (default {USUAL})")
@@ -64,6 +83,8 @@ def _write(folder: Path, name: str, document: dict[str, Any]) -> None:
 def _study(args: argparse.Namespace) -> int:
     if args.epochs is not None and args.epochs < 1:
         raise OperatorError(f"--epochs {args.epochs}: give 1 or more")
+    if "peers" in args.parts and args.peer_python is None:
+        raise OperatorError(f"part peers: name an interpreter with --peer-python; {interpreter.HOW}")
     from ground.gnss import report
 
     path = args.out / "study.json"
@@ -71,10 +92,10 @@ def _study(args: argparse.Namespace) -> int:
         document = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     except (OSError, ValueError) as error:
         raise OperatorError(f"{path}: cannot be read ({error}); remove it") from None
-    for part in PARTS:
+    for part in WITH_PEERS:
         if part in args.parts:
             epochs = args.epochs or (QUICK_EPOCHS if args.quick else USUAL_EPOCHS).get(part, 1)
-            document[part] = fly(part, args.seed, epochs)
+            document[part] = fly(part, args.seed, epochs, args.peer_python)
             _write(args.out, "study.json", document | {"seed": args.seed})
             print("\n".join(report.lines(part, document[part])), flush=True)
     if not args.no_figures:
@@ -85,10 +106,13 @@ def _study(args: argparse.Namespace) -> int:
     return 0
 
 
-def fly(part: str, seed: int, epochs: int) -> dict[str, Any]:
+def fly(part: str, seed: int, epochs: int, peer_python: Path | None = None) -> dict[str, Any]:
     """One part of the study, as a document."""
-    from ground.gnss import protection, speed, study
+    from ground.gnss import peers, protection, speed, study
 
+    if part == "peers":
+        assert peer_python is not None
+        return peers.peers_part(seed, epochs, peer_python)
     if part == "speed":
         return speed.measure(seed, epochs)
     if part == "inputs":

@@ -14,6 +14,7 @@ def lines(part: str, found: dict[str, Any]) -> list[str]:
         "protection": _protection,
         "speed": _speed,
         "inputs": _inputs,
+        "peers": _peers,
     }[part](found)
 
 
@@ -84,6 +85,19 @@ def _speed(found: dict[str, Any]) -> list[str]:
 
 def _inputs(found: dict[str, Any]) -> list[str]:
     return ["Bad inputs", *(f"  {name}: {verdict}" for name, verdict in found.items())]
+
+
+def _peers(found: dict[str, Any]) -> list[str]:
+    text = [
+        f"Beside gnss_lib_py {found['version']} (its limit times {found['factor']:g}, best of a grid), clocks agree: "
+        "mask, faults; exact sets of gnss_lib_py, the paper's rule, flight, flight with one clock; us an epoch"
+    ]
+    return text + [
+        f"  {case['mask_deg']:.0f} deg, {case['faults']} of {case['sigmas']:.0f} sigma: "
+        + "   ".join(f"{case[name]['rate']:.3f}" for name in ("gnss_lib_py", "raw", "flight", "flight_one_clock"))
+        + f"   {case['gnss_lib_py_us']:.0f} {case['flight_us']:.0f}"
+        for case in found["cases"]
+    ]
 
 
 def check_lines(found: dict[str, Any]) -> list[str]:

@@ -26,6 +26,7 @@ CONSTELLATIONS = (
 )
 LAWS = ("gauss", "uniform", "laplace", "student", "spikes")
 SIGMA_M = 6.0  # the paper's unit weight: a variance of 36
+BIAS_M = 30.0
 _POOL = 400
 _SPIKE_SHARE, _SPIKE_SIZE = 0.01, 10.0
 
@@ -85,8 +86,18 @@ def renew(batch: Batch, rng: np.random.Generator, law: str = "gauss", sigma_m: f
     batch.fault[:] = False
 
 
-def draw(user: User, rng: np.random.Generator, m: int, law: str = "gauss", sigma_m: float = SIGMA_M) -> Batch:
-    """m random epochs without a fault: place, time, clocks of the receiver per constellation, noise."""
+def draw(
+    user: User,
+    rng: np.random.Generator,
+    m: int,
+    law: str = "gauss",
+    sigma_m: float = SIGMA_M,
+    bias_m: float = BIAS_M,
+) -> Batch:
+    """m random epochs without a fault: place, time, clocks of the receiver per constellation, noise.
+
+    bias_m: 1-sigma of the biases between constellations.
+    """
     satellite = _pool()[rng.integers(0, _POOL, m)]
     z = rng.uniform(-1.0, 1.0, m)
     longitude = rng.uniform(0.0, 2.0 * math.pi, m)
@@ -102,7 +113,7 @@ def draw(user: User, rng: np.random.Generator, m: int, law: str = "gauss", sigma
         x, y = satellite[..., 0], satellite[..., 1]
         turned = np.stack((cosine * x + sine * y, cosine * y - sine * x, satellite[..., 2]), axis=2)
         distance = np.linalg.norm(turned - truth[:, None, :], axis=2)
-    clock = rng.uniform(-3e5, 3e5, (m, 1)) + np.concatenate((np.zeros((m, 1)), rng.normal(0.0, 30.0, (m, 2))), axis=1)
+    clock = rng.uniform(-3e5, 3e5, (m, 1)) + np.concatenate((np.zeros((m, 1)), rng.normal(0.0, bias_m, (m, 2))), axis=1)
     exact_m = np.zeros((m, SATELLITES))
     order = np.argsort(~seen, axis=1, kind="stable")[:, :SATELLITES]
     epochs = np.zeros(m, EPOCH)

@@ -154,7 +154,7 @@ def exclusion_part(seed: int, cases: int) -> dict[str, Any]:
             batch = draw(User(mask_deg=mask), rng, many)
             add_faults(batch, rng, faults, size * SIGMA_M)
             # with fewer the paper's own conditions say: cannot be excluded
-            batch = _of(batch, batch.count - 6 - faults >= 1)
+            batch = of_rows(batch, batch.count - 6 - faults >= 1)
             trials += len(batch.epochs)
             for name, settings in RULES.items():
                 result = judge(batch, settings)
@@ -167,7 +167,8 @@ def exclusion_part(seed: int, cases: int) -> dict[str, Any]:
     return {"cases": found}
 
 
-def _of(batch: Batch, rows: np.ndarray) -> Batch:
+def of_rows(batch: Batch, rows: np.ndarray) -> Batch:
+    """Some epochs of a batch, copied."""
     return Batch(batch.epochs[rows], batch.truth_m[rows], batch.count[rows], batch.fault[rows], batch.exact_m[rows])
 
 

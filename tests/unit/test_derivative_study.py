@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
+import os
+import sys
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,8 @@ from flightsw.derivative.setup import BankSettings, TunedSettings
 from ground.__main__ import main
 from ground.derivative import figures, ledger, paper, peers, report, scenario, study, track_file, tracks
 from ground.derivative.tuning import CAUSAL_LIMITS, LAG_S, SMOOTHED_LIMITS, tune
+from ground.errors import OperatorError
+from ground.peers.interpreter import PeerAbsent
 
 pytestmark = pytest.mark.compiled
 
@@ -113,20 +118,33 @@ def test_a_local_polynomial_differentiates_polynomials() -> None:
     assert np.isnan(found[:10]).all()
 
 
-def test_pynumdiff_is_asked_as_its_documentation_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    """GIVEN a stand-in with pynumdiff's signature WHEN it is called THEN position and velocity are taken from it."""
-    seen: dict[str, Any] = {}
+def peer_python() -> Path:
+    """An interpreter that has the peers: LEONAV_PEER_PYTHON names it."""
+    named = os.environ.get("LEONAV_PEER_PYTHON")
+    if not named:
+        pytest.skip("LEONAV_PEER_PYTHON names no interpreter that has pynumdiff")
+    return Path(named)
 
-    class Module:
-        @staticmethod
-        def rtsdiff(x: Any, dt_or_t: Any, order: int, log_qr_ratio: float, forwardbackward: bool) -> Any:
-            seen.update(dt=dt_or_t, order=order, ratio=log_qr_ratio, both=forwardbackward)
-            return x, x * 2.0
 
-    monkeypatch.setattr(peers.importlib, "import_module", lambda name: Module)
-    found = peers.pynumdiff_velocity(np.arange(4.0), 0.2, -3)
-    assert seen == {"dt": 0.2, "order": 3, "ratio": -3, "both": True}
-    np.testing.assert_array_equal(found[:, 1], 2.0 * np.arange(4.0))
+@pytest.mark.slow
+def test_pynumdiff_stands_beside() -> None:
+    """GIVEN an interpreter with pynumdiff WHEN asked THEN it follows both legs, and neither beats the lag."""
+    flight = study.Estimators(1)
+    found = peers.pynumdiff(peer_python(), 1, study.positions(flight, 0)[None])
+    assert set(found.figures) == set(peers.METHODS)
+    for name, rms in found.figures.items():
+        assert 0.002 < rms[0, 0] < 0.05, name
+        assert 0.002 < rms[0, 1] < 0.05, name
+    assert max(one_run()["smoothed"][:2]) < min(rms[0, :2].max() for rms in found.figures.values())
+
+
+def test_an_interpreter_without_the_library_is_named() -> None:
+    """GIVEN this interpreter, or none WHEN pynumdiff is asked for THEN the operator is told which and how to get it."""
+    if importlib.util.find_spec("pynumdiff") is None:
+        with pytest.raises(PeerAbsent, match="pynumdiff cannot be imported"):
+            peers.pynumdiff(Path(sys.executable), 1, np.zeros((1, 4)))
+    with pytest.raises(OperatorError, match="cannot be run"):
+        peers.pynumdiff(Path("no/such/python"), 1, np.zeros((1, 4)))
 
 
 def test_tuning_finds_what_meets_the_limits() -> None:
@@ -140,7 +158,7 @@ def test_tuning_finds_what_meets_the_limits() -> None:
 
 def study_document() -> dict[str, Any]:
     found = one_run()
-    names = ("causal", "smoothed", "paper", "printed", "savitzky_golay", "pynumdiff")
+    names = ("causal", "smoothed", "paper", "printed", "savitzky_golay")
     named = {name: dict(zip(study.NAMES, found[name].tolist(), strict=True)) for name in names}
     return {
         "paper": study.paper_part(1, 1),
@@ -149,7 +167,7 @@ def study_document() -> dict[str, Any]:
             "estimators": {name: {"rms": one, "worst_run": one} for name, one in named.items()},
             "causal_met": True,
             "smoothed_met": True,
-            "pynumdiff": False,
+            "pynumdiff": None,
         },
     }
 
@@ -189,10 +207,10 @@ def test_a_study_is_resumed_where_it_was_stopped(tmp_path: Path) -> None:
     assert told == [1]
     assert document["causal_met"]
     assert document["smoothed_met"]
-    assert document["estimators"]["pynumdiff"]["rms"]["v_yawing"] is None
+    assert "pynumdiff_rts" not in document["estimators"]
     said = "\n".join(report.lines("scenario", document))
     assert said.count(": met") == 2
-    assert "pynumdiff is not installed" in said
+    assert "pynumdiff was not asked" in said
 
 
 def write(path: Path, header: str, columns: np.ndarray) -> Path:

@@ -1,0 +1,1 @@
+"""Libraries of others, asked the same questions; each runs in an interpreter of its own."""
