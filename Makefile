@@ -115,6 +115,12 @@ format: setup  ## rewrite the sources in the project's format
 timing: setup  ## what a tick, a kernel and a start cost here, in lockstep and in real time: a quarter of an hour
 	@$(PY) -m ground timing $(QUICK)
 
+.PHONY: soak
+# An hour or two on two quiet processors: world beside flight. QUICK=1: 20,000 ticks, a minute. EXPECT=soak.json of another
+# soak: its telemetry must come again. ctrl-C tells what was flown until then.
+soak: setup  ## ten million ticks with every function on and faults (TICKS=1e7): memory flat, no slips, digests stable
+	@$(PY) -m hil_sim soak --ticks $(or $(TICKS),$(if $(QUICK),20000,1e7)) $(if $(EXPECT),--expect $(EXPECT))
+
 .PHONY: kill
 kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
 	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9

@@ -1,4 +1,4 @@
-"""`hil_sim list | keys | show | run | hub | world | demo`: arguments and exit codes. 0 done, 1 failed, 2 refused."""
+"""`hil_sim list | keys | show | run | hub | world | demo | soak`: arguments; exit codes 0 done, 1 failed, 2 refused."""
 
 from __future__ import annotations
 
@@ -96,6 +96,22 @@ def _demo(options: argparse.Namespace) -> int:
     return demo.run(loaded, options.out, options.speed, options.plain, options.set)
 
 
+def _soak(options: argparse.Namespace) -> int:
+    from hil_sim import scenario, soak
+
+    return soak.run(scenario.load(options.scenario, options.set), options.out, options.ticks, options.expect)
+
+
+def _ticks(text: str) -> int:
+    try:
+        ticks = round(float(text))
+    except (ValueError, OverflowError):
+        ticks = 0
+    if not 1000 <= ticks <= 20_000_000:
+        raise argparse.ArgumentTypeError(f"{text}: give a number from 1000 to 2e7, for example 1e6")
+    return ticks
+
+
 def _speed(text: str) -> float:
     try:
         speed = float(text)
@@ -109,7 +125,7 @@ def _speed(text: str) -> float:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="hil_sim", description="Flies a satellite against the flight software.")
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="list | keys | show | run | hub | world | demo"
+        dest="command", required=True, metavar="list | keys | show | run | hub | world | demo | soak"
     )
     listing = commands.add_parser("list", help="scenarios that ship")
     listing.set_defaults(action=_list)
@@ -123,9 +139,10 @@ def _parser() -> argparse.ArgumentParser:
         ("demo", _demo, "world, bus, flight and console as processes of their own, in real time"),
         ("show", _show, "every resolved key of a scenario and where its value comes from"),
         ("run", _run, "fly a scenario and leave its record in a folder"),
+        ("soak", _soak, "fly a scenario lap after lap and see whether anything grows, slips or errs"),
     ):
         command = commands.add_parser(name, help=help_text)
-        words: dict[str, Any] = {"nargs": "?", "default": "demo"} if name == "demo" else {}
+        words: dict[str, Any] = {"nargs": "?", "default": name} if name in ("demo", "soak") else {}
         command.add_argument("scenario", help="name of a shipped scenario, or a TOML file", **words)
         command.add_argument(
             "--set",
@@ -145,6 +162,17 @@ def _parser() -> argparse.ArgumentParser:
             )
             command.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times real time (default 1)")
             command.add_argument("--plain", action="store_true", help="the console prints lines; no terminal needed")
+        if name == "soak":
+            command.add_argument("--ticks", type=_ticks, default=10_000_000, metavar="N", help="default 1e7")
+            command.add_argument(
+                "--out", type=Path, default=Path("runs/soak"), metavar="DIR", help="where to write (default runs/soak)"
+            )
+            command.add_argument(
+                "--expect",
+                type=Path,
+                metavar="FILE",
+                help="soak.json of another soak, whose telemetry this must repeat",
+            )
         if name == "run":
             command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO)")
             command.add_argument(

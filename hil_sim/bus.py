@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 from binascii import crc_hqx
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 
@@ -15,30 +14,82 @@ from flightsw.icd.can_frames import CROSSLINK_STATUS, FLIGHT_HEARTBEAT, INTEGRIT
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.errors import BusError
 
-SEND_TIMEOUT_S = 1.0  # a full queue of python-can's virtual bus blocks for ever without one
+SEND_TIMEOUT_S = 1.0  # a bus of another process may block for ever without one
 RECEIVE_QUEUE_FRAMES = 4096
-_serial = itertools.count()
 _NAV_ID, _NAV_LENGTH = NAV_STATE.frame_id, NAV_STATE.length
 _INTEGRITY_ID, _INTEGRITY_LENGTH = INTEGRITY.frame_id, INTEGRITY.length
 _HEARTBEAT_ID = FLIGHT_HEARTBEAT.frame_id
 
 
+class BusEnd(can.BusABC):
+    """One end of a bus within one thread: what it sends waits at all other ends, time stamp and all.
+
+    python-can's own `virtual` makes a deep copy of every frame and locks a queue for it: half of a run's time. Here the
+    data alone are copied, since flight fills the same buffer again. A full queue refuses at once.
+    """
+
+    def __init__(self, ends: list[BusEnd], limit: int) -> None:
+        self._waiting: deque[can.Message] = deque()
+        self._ends = ends
+        self._limit = limit
+        super().__init__(channel=None)
+        ends.append(self)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a copy where every other end finds it; CanOperationError where one of them is full or this one closed."""
+        del timeout  # nobody could make room meanwhile
+        if self._is_shutdown:
+            raise can.CanOperationError("this end of the bus is closed")
+        full = False
+        for end in self._ends:
+            if end is self:
+                continue
+            if len(end._waiting) >= end._limit:
+                full = True
+                continue
+            end._waiting.append(
+                can.Message(
+                    timestamp=msg.timestamp,
+                    arbitration_id=msg.arbitration_id,
+                    is_extended_id=msg.is_extended_id,
+                    is_remote_frame=msg.is_remote_frame,
+                    is_error_frame=msg.is_error_frame,
+                    data=bytearray(msg.data),
+                    dlc=msg.dlc,
+                    is_fd=msg.is_fd,
+                    bitrate_switch=msg.bitrate_switch,
+                    error_state_indicator=msg.error_state_indicator,
+                )
+            )
+        if full:
+            raise can.CanOperationError("another end of the bus takes no more frames")
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next waiting frame, or None: whoever could send one is the caller itself."""
+        del timeout
+        if self._is_shutdown:
+            raise can.CanOperationError("this end of the bus is closed")
+        return self._waiting.popleft() if self._waiting else None
+
+    def shutdown(self) -> None:
+        """Leave the bus; what waits here is gone."""
+        if not self._is_shutdown:
+            self._ends.remove(self)
+            self._waiting.clear()
+        super().shutdown()
+
+
 class VirtualBusPair:
-    """Two ends of one python-can virtual channel: `flight` and `world`. Use as a context manager."""
+    """Two ends of one bus in this process: `flight` and `world`. Use as a context manager."""
 
     def __init__(self) -> None:
-        self.channel = f"leonav-{os.getpid()}-{next(_serial)}"
+        self._ends: list[BusEnd] = []
         self.flight = self.open_end()
         self.world = self.open_end()
 
     def open_end(self) -> can.BusABC:
-        """One more end of the channel; time stamps of the sender are kept."""
-        return can.Bus(
-            interface="virtual",
-            channel=self.channel,
-            preserve_timestamps=True,
-            rx_queue_size=RECEIVE_QUEUE_FRAMES,
-        )
+        """One more end of the bus; time stamps of the sender are kept."""
+        return BusEnd(self._ends, RECEIVE_QUEUE_FRAMES)
 
     def close(self) -> None:
         """Shut both ends down."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import can
 import numpy as np
@@ -62,6 +63,63 @@ def space_weather_file(loaded: LoadedScenario) -> Path | None:
     return _optional(loaded, "space_weather_file")
 
 
+class Sensed(NamedTuple):
+    """What the sensors of a run give: the onboard counter, fixes before they are frames, every frame that arrives."""
+
+    oscillator: Oscillator
+    fixes: gnss_receiver.FixSeries
+    frames: frames.FrameSeries
+    raw: RawSeries | None
+
+
+def sense(loaded: LoadedScenario, truth: TrackTruth, tell: Callable[[str], None]) -> Sensed:
+    """Sensors, faults and frames of a scenario along a truth that covers it. `tell` hears each stage in words."""
+    scenario, start = loaded.scenario, loaded.t_start_gps_ns
+    duration_ns = round(scenario.time.duration_s * 1e9)
+    tell("sensors and faults")
+    streams = open_streams(scenario.seed)
+    oscillator = Oscillator(scenario.oscillator, start, duration_ns, streams.oscillator)
+    orientation = EarthOrientation(start, start + duration_ns, earth_orientation_file(loaded))
+    jitter_ns = scenario.oscillator.pulse_jitter_ns
+    receiver = gnss_receiver.measure_fixes if scenario.gnss.recorded is None else recorded.receiver_of(loaded)
+    fixes = receiver(
+        truth,
+        orientation,
+        oscillator,
+        scenario.gnss,
+        scenario.outage,
+        start,
+        start + duration_ns,
+        jitter_ns,
+        streams,
+        Pointing.of(scenario.attitude),
+    )
+    pulses = gnss_receiver.measure_pulses(
+        oscillator, scenario.gnss, scenario.outage, start, start + duration_ns, jitter_ns, streams
+    )
+    raw = None
+    if scenario.pseudoranges is not None:
+        fixes.sent[:] = False  # the receiver gives pseudoranges; fixes are made of them on board
+        raw = pseudoranges.build(loaded, truth, orientation, oscillator, start, start + duration_ns, streams)
+    injector = faults.FaultInjector(scenario.fault, start, streams.faults)
+    injector.corrupt_content(fixes, pulses)
+    encoded = frames.encode(fixes, pulses)
+    if raw is not None:
+        encoded = frames.in_order([encoded, *raw.frames])
+    sent = injector.corrupt_frames(encoded)
+    # a late frame does not slip into an outage either
+    sent = sent.keep(~gnss_receiver.in_outage(sent.arrival_gps_ns, scenario.outage, start))
+    if scenario.burn or scenario.command or scenario.attitude is not None:
+        flown = flown_burns(loaded)
+        others = announcements.encode(scenario, flown, truth, start, start + duration_ns, streams)
+        sent = frames.in_order([sent, injector.corrupt_frames(others, receiver=False)])
+    if scenario.crosslink is not None:
+        tell("crosslinks")
+        links = crosslinks.encode(scenario, truth, start, start + duration_ns, streams.crosslinks, real_day(loaded))
+        sent = frames.in_order([sent, injector.corrupt_frames(links, receiver=False)])
+    return Sensed(oscillator, fixes, sent, None if raw is None else raw.series)
+
+
 class World:
     """Everything outside flight. Obtain it from `World.build`."""
 
@@ -106,54 +164,12 @@ class World:
     ) -> World:
         """Prepare truth, oscillator and every frame of the run. `progress` is told each stage in words."""
         tell = progress if progress is not None else _silent
-        scenario, start = loaded.scenario, loaded.t_start_gps_ns
-        duration_ns = round(scenario.time.duration_s * 1e9)
-        if duration_ns < tick_period_ns:
+        if round(loaded.scenario.time.duration_s * 1e9) < tick_period_ns:
             raise ScenarioError(f"{loaded.path}: time.duration_s: shorter than one tick; lengthen it")
-        tell(f"truth: {scenario.orbit.source}")
+        tell(f"truth: {loaded.scenario.orbit.source}")
         truth = build_truth(loaded)
-        tell("sensors and faults")
-        streams = open_streams(scenario.seed)
-        oscillator = Oscillator(scenario.oscillator, start, duration_ns, streams.oscillator)
-        orientation = EarthOrientation(start, start + duration_ns, earth_orientation_file(loaded))
-        jitter_ns = scenario.oscillator.pulse_jitter_ns
-        receiver = gnss_receiver.measure_fixes if scenario.gnss.recorded is None else recorded.receiver_of(loaded)
-        fixes = receiver(
-            truth,
-            orientation,
-            oscillator,
-            scenario.gnss,
-            scenario.outage,
-            start,
-            start + duration_ns,
-            jitter_ns,
-            streams,
-            Pointing.of(scenario.attitude),
-        )
-        pulses = gnss_receiver.measure_pulses(
-            oscillator, scenario.gnss, scenario.outage, start, start + duration_ns, jitter_ns, streams
-        )
-        raw = None
-        if scenario.pseudoranges is not None:
-            fixes.sent[:] = False  # the receiver gives pseudoranges; fixes are made of them on board
-            raw = pseudoranges.build(loaded, truth, orientation, oscillator, start, start + duration_ns, streams)
-        injector = faults.FaultInjector(scenario.fault, start, streams.faults)
-        injector.corrupt_content(fixes, pulses)
-        encoded = frames.encode(fixes, pulses)
-        if raw is not None:
-            encoded = frames.in_order([encoded, *raw.frames])
-        sent = injector.corrupt_frames(encoded)
-        # a late frame does not slip into an outage either
-        sent = sent.keep(~gnss_receiver.in_outage(sent.arrival_gps_ns, scenario.outage, start))
-        if scenario.burn or scenario.command or scenario.attitude is not None:
-            flown = flown_burns(loaded)
-            others = announcements.encode(scenario, flown, truth, start, start + duration_ns, streams)
-            sent = frames.in_order([sent, injector.corrupt_frames(others, receiver=False)])
-        if scenario.crosslink is not None:
-            tell("crosslinks")
-            links = crosslinks.encode(scenario, truth, start, start + duration_ns, streams.crosslinks, real_day(loaded))
-            sent = frames.in_order([sent, injector.corrupt_frames(links, receiver=False)])
-        return cls(loaded, truth, oscillator, tick_period_ns, fixes, sent, None if raw is None else raw.series)
+        sensed = sense(loaded, truth, tell)
+        return cls(loaded, truth, sensed.oscillator, tick_period_ns, sensed.fixes, sensed.frames, sensed.raw)
 
     def counter_ns(self, k: int) -> int:
         """Onboard counter at tick k [ns]."""
