@@ -6,7 +6,7 @@ import numpy as np
 
 from flightsw.icd.frame_layout import FrameLayout as FrameLayout
 
-ICD_VERSION = "2.1"
+ICD_VERSION = "2.2"
 
 TIME_SYNC = FrameLayout(
     name="TIME_SYNC",
@@ -1277,7 +1277,7 @@ CROSSLINK_STATUS = FrameLayout(
     data_id=0xDF4B,
     data_id_bytes=bytes((0x4B, 0xDF)),
     sender="FLIGHT",
-    struct_format="<qIIffffffHHHHHBBBBBBB4xBH",
+    struct_format="<qIIffffffHHHHHBBBBBBBIBH",
     field_names=(
         "t_gps_ns",
         "faulty",
@@ -1300,6 +1300,7 @@ CROSSLINK_STATUS = FrameLayout(
         "network_worst",
         "own_peer",
         "weakest",
+        "unmonitored",
         "counter",
         "crc",
     ),
@@ -1327,6 +1328,7 @@ CROSSLINK_STATUS = FrameLayout(
                 "network_worst",
                 "own_peer",
                 "weakest",
+                "unmonitored",
                 "counter",
                 "crc",
             ],
@@ -1352,6 +1354,7 @@ CROSSLINK_STATUS = FrameLayout(
                 "u1",
                 "u1",
                 "u1",
+                "<u4",
                 "u1",
                 "<u2",
             ],
@@ -1377,6 +1380,7 @@ CROSSLINK_STATUS = FrameLayout(
                 54,  # network_worst [-]
                 55,  # own_peer [-]
                 56,  # weakest [-]
+                57,  # unmonitored [-]
                 61,  # counter [-]
                 62,  # crc [-]
             ],
