@@ -31,8 +31,9 @@ OWN_FAULT = 1 << int(AlertId.CROSSLINK_OWN_FAULT)
 OWN_SUSPECT = 1 << int(AlertId.CROSSLINK_OWN_SUSPECT)
 NEIGHBOUR_FAULTY = 1 << int(AlertId.CROSSLINK_NEIGHBOUR_FAULTY)
 MAJORITY = 1 << int(AlertId.CROSSLINK_MAJORITY)
+UNMONITORED = 1 << int(AlertId.CROSSLINK_UNMONITORED)
+NEIGHBOUR_SILENT = 1 << int(AlertId.CROSSLINK_NEIGHBOUR_SILENT)
 _SILENCE_NS = 1_000_000_000  # without an epoch the status goes out so often, and with what age
-_JUDGED_S = 10.0  # an older verdict is none
 _NOBODY = 255
 _STATES = {SUSPECT: int(CrosslinkState.SUSPECT), FAULT: int(CrosslinkState.FAULT)}
 _AXES = ("radial", "along", "cross", "clock")
@@ -84,12 +85,17 @@ class CrosslinkFunction:
         self._verdict: tuple[Any, ...] = self._reader.read()
         self._services = services
         self._gap_max_ns = round(float(table.values["gap_max_s"][0]) * 1e9)
+        self._silence_ns = round(float(table.values["silence_max_s"][0]) * 1e9)
         self._own_bit = 1 << self.settings.own
         self._faulty = 0
         self._peer = -1  # neighbour that the own links could not be told from when they were in doubt
         self._judged_gps_ns = 0  # time of the epoch that was judged last
         self._judged_counter_ns = 0
         self._told_counter_ns = self._counter_ns = services.counter_ns()
+        self._monitored_ns = [self._counter_ns] * self.settings.satellites  # counter when each was judged last
+        self._everyone = (1 << self.settings.satellites) - 1
+        self._met = 0  # mask of those that have ever been
+        self._silent = 0  # mask of those that have not been for too long
         self._clock = (0, 0)  # onboard GPS time, 0 while it is not known, and the counter that it belongs to
         self._box = Outbox(CROSSLINK_STATUS)
         self._full = 3 if self.settings.two_way else 4
@@ -106,11 +112,33 @@ class CrosslinkFunction:
         if self.assembly.ready:
             self._judge()
             self._judged_counter_ns = counter_ns
+            self._note_silence(counter_ns, int(self._verdict[self._at["monitored"]]))
             self._publish(counter_ns)
-        elif counter_ns - self._told_counter_ns >= _SILENCE_NS:
+        elif self._note_silence(counter_ns, 0) or counter_ns - self._told_counter_ns >= _SILENCE_NS:
             self._publish(counter_ns)
         self._read_clock()
         self._counter_ns = counter_ns
+
+    def _note_silence(self, counter_ns: int, monitored: int) -> bool:
+        """Alert the silence of satellites; monitored: mask of this tick's epoch. Whether one has just begun."""
+        self._met |= monitored
+        silent = 0
+        for bit in range(self.settings.satellites):
+            if monitored >> bit & 1:
+                self._monitored_ns[bit] = counter_ns
+            elif counter_ns - self._monitored_ns[bit] > self._silence_ns:
+                silent |= 1 << bit
+        neighbours = silent & self._met & ~self._own_bit
+        self.conditions &= ~(UNMONITORED | NEIGHBOUR_SILENT)
+        if silent & self._own_bit:
+            self.conditions |= UNMONITORED
+        if neighbours:
+            self.conditions |= NEIGHBOUR_SILENT
+        begun = silent & ~self._silent
+        if self._silent & self._met & ~self._own_bit and begun & neighbours:
+            self.happened |= NEIGHBOUR_SILENT  # one more
+        self._silent = silent
+        return begun != 0
 
     def _read_clock(self) -> None:
         """Navigation's last step was in the tick before this one, at the counter of that tick."""
@@ -178,14 +206,15 @@ class CrosslinkFunction:
         state = _STATES.get(int(verdict[at["own_state"]]))
         if state is not None:
             return state
-        fresh = self._age_s() <= _JUDGED_S  # NaN is not
-        return int(CrosslinkState.CLEAR if fresh and verdict[at["own_dof"]] > 0 else CrosslinkState.NOT_JUDGED)
+        judged = self._met & self._own_bit and not self._silent & self._own_bit
+        return int(CrosslinkState.CLEAR if judged else CrosslinkState.NOT_JUDGED)
 
     def _majority(self) -> int:
         verdict, at = self._verdict, self._at
         if verdict[at["majority_latched"]] or verdict[at["majority"]] == UNRELIABLE:
             return int(CrosslinkMajority.UNRELIABLE)
-        judged = self._age_s() <= _JUDGED_S and verdict[at["majority"]] != NO_VERDICT
+        fresh = self._judged_gps_ns and self._services.counter_ns() - self._judged_counter_ns <= self._silence_ns
+        judged = fresh and verdict[at["majority"]] != NO_VERDICT
         return int(CrosslinkMajority.RELIABLE if judged else CrosslinkMajority.NO_VERDICT)
 
     def _told(self) -> tuple[Any, ...]:
@@ -214,6 +243,7 @@ class CrosslinkFunction:
             _number(verdict[at["network_worst"]], judged),
             _number(verdict[at["own_peer"]], judged),
             _number(verdict[at["weakest"]], judged),
+            self._silent | self._everyone & ~self._met,
         )
 
     def _publish(self, counter_ns: int) -> None:

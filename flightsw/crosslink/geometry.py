@@ -6,8 +6,10 @@ errors e (radial, along-track, cross-track, clock) of what the two satellites br
 
     residual = h_receiver e_receiver + h_sender e_sender + noise,   h_receiver = (u R, u T, u N, 1), h_sender = -(...)
 
-where u is the unit vector from sender to receiver and R, T, N are each satellite's own axes. A two-way range, the mean
-of both directions at one instant of reception, does not know the clocks: its fourth sensitivity is zero.
+where u is the unit vector from sender to receiver, both at the instant of reception, and R, T, N are each satellite's
+own axes. The signal itself comes from where the sender was, some 1e-5 rad beside: a millimetre for an error of 100 m. A
+two-way range, the mean of both directions at one instant of reception, does not know the clocks: its fourth sensitivity
+is zero.
 """
 
 from __future__ import annotations
@@ -54,8 +56,24 @@ def position_at(r, v, dt_s, out):
 
 
 @kernel
+def line(r_receiver, r_sender, direction):
+    """Unit vector from sender to receiver, zero where both say to be at one place.
+
+    The other way it is the same to the last bit, but for the sign.
+    """
+    square = 0.0
+    for i in range(3):
+        direction[i] = r_receiver[i] - r_sender[i]
+        square += direction[i] * direction[i]
+    if square > 0.0:
+        length = math.sqrt(square)
+        for i in range(3):
+            direction[i] /= length
+
+
+@kernel
 def flight_distance(r_receiver, r_sender, v_sender, work, direction):
-    """Distance [m] from where the sender was when it sent to the receiver now, and the unit vector along it.
+    """Distance [m] from where the sender was when it sent to the receiver now; `direction` (3) is scratch.
 
     Positions and velocities of one epoch, that of reception; two iterations of the flight time.
     """
@@ -69,8 +87,6 @@ def flight_distance(r_receiver, r_sender, v_sender, work, direction):
             square += direction[i] * direction[i]
         distance = math.sqrt(square)
         tau_s = distance / LIGHT_MPS
-    for i in range(3):
-        direction[i] /= distance
     return distance
 
 
@@ -94,6 +110,7 @@ def link_residual(r, v, clock_m, axes_of, receiver, sender, range_m, two_way, wo
         distance = flight_distance(r[sender], r[receiver], v[receiver], work, direction)
     forward = flight_distance(r[receiver], r[sender], v[sender], work, direction)
     distance = 0.5 * (distance + forward) if two_way else forward
+    line(r[receiver], r[sender], direction)
     sensitivity(direction, axes_of[receiver], 1.0, two_way, h[0])
     sensitivity(direction, axes_of[sender], -1.0, two_way, h[1])
     clocks = 0.0 if two_way else clock_m[receiver] - clock_m[sender]

@@ -16,7 +16,17 @@ from flightsw.crosslink.isolation import isolate
 from flightsw.crosslink.latches import latch_majority, latch_network, latch_own, latch_slow
 from flightsw.crosslink.majority import heard_by, majority
 from flightsw.crosslink.own import own_verdict
-from flightsw.crosslink.records import EPOCH, HISTORY, MONITOR_TABLE, OWN_LINKS, STATE, TEST, VERDICT, WORK
+from flightsw.crosslink.records import (
+    EPOCH,
+    HISTORY,
+    MONITOR_TABLE,
+    OWN_LINKS,
+    PARAMETERS,
+    STATE,
+    TEST,
+    VERDICT,
+    WORK,
+)
 from flightsw.crosslink.subspace import subspace
 from flightsw.crosslink.weighted_test import evaluate, prepare
 from flightsw.kernels.registry import frozen_records, records
@@ -99,6 +109,20 @@ def _network(table, test, residual_m, state, history, verdict, work, slow):
 
 
 @kernel
+def _monitored(table, network, exchanged, verdict):
+    """Bit mask of the satellites whose error shows in every direction, by the network's links or by the own ones."""
+    full = PARAMETERS - 1 if table["two_way"] != 0 else PARAMETERS
+    mask = 0
+    if verdict["own_dof"] == full:
+        mask |= 1 << table["own"]
+    if exchanged > 0 and network["ready"] != 0:
+        for satellite in range(table["satellites"]):
+            if network["dof"][satellite] == full:
+                mask |= 1 << satellite
+    return mask
+
+
+@kernel
 def _contrasts(table, epoch, history, test, work, onset_blocks):
     """Growth of every pair of this epoch into rows of the test."""
     kept = 0
@@ -160,6 +184,7 @@ def _declare(room):
             statistic, worst = _network(table, network, work["residual_m"], state, history, verdict, work, False)
             subspace(table, network, state, work, verdict)
             verdict["network_statistic"], verdict["network_worst"] = statistic, worst
+        verdict["monitored"] = _monitored(table, network, exchanged, verdict)
 
         enter(
             history, epoch, work["residual_m"], links, work["usable"], work["axes"], satellites, table["block_epochs"]

@@ -74,8 +74,21 @@ TEST = np.dtype(
         ("h_bias", "f8", (LINKS, 2, PARAMETERS)),  # to a healthy satellite's constant error
         ("h_rate", "f8", (LINKS, 2, PARAMETERS)),  # to its rate
         ("noise_m2", "f8", (LINKS,)),
+        # rows: a link, or the sum or the difference of the two of a pair that measures both ways
+        ("link_of", "i8", (PAIRS,)),  # of receiver and sender
+        ("mate", "i8", (LINKS,)),  # the link the other way, or -1
+        ("first", "i8", (LINKS,)),
+        ("second", "i8", (LINKS,)),  # or -1
+        ("sign", "f8", (LINKS,)),
+        ("bias", "f8", (LINKS, 2, PARAMETERS)),  # h_bias, h_rate of a row's two ends, in sigma of a healthy satellite
+        ("rate", "f8", (LINKS, 2, PARAMETERS)),
+        ("head", "i8", (SATELLITES,)),  # list of a satellite's ends: 2 row + end, -1 at its end
+        ("following", "i8", (2 * LINKS,)),
+        ("reach", "i8", (LINKS,)),  # matrices.py
         ("factor", "f8", (LINKS, LINKS)),
-        ("white", "f8", (LINKS, COLUMNS)),  # sensitivities, whitened
+        ("white", "f8", (LINKS, COLUMNS)),  # sensitivities of rows, whitened
+        ("near", "f8", (PARAMETERS, COLUMNS)),  # of the gram matrix, what is near its diagonal
+        ("whole", "i8"),  # 1: the gram matrix is there
         ("gram", "f8", (COLUMNS, COLUMNS)),
         ("root", "f8", (SATELLITES, PARAMETERS, PARAMETERS)),  # statistic = |root g|^2
         ("dof", "i8", (SATELLITES,)),
@@ -152,6 +165,7 @@ VERDICT = np.dtype(
         ("network_slow_statistic", "f8"),
         ("network_slow_worst", "i8"),
         ("slow_age_s", "f8"),  # onset that was tried in this epoch, negative: mean; NaN: none
+        ("monitored", "i8"),  # bit mask: the epoch's links show their errors in every direction
         ("faulty", "i8"),  # bit mask of the excluded
         ("named", "i8"),  # bit mask: newly named in this epoch
         ("included", "i8"),  # bit mask: taken in again in this epoch

@@ -5,6 +5,10 @@ satellites broadcast, which their links share. A fault of satellite i adds A_i f
 likelihood ratio is T_i = g_i' M_ii^-1 g_i with g = A' S^-1 r, M = A' S^-1 A; it is chi-square with as many degrees of
 freedom as M_ii has rank, exactly. A satellite is excluded by estimating its f instead of assuming it healthy, which
 takes the direction A_i out of everything else (Kay, Detection Theory, 1998, section 7.7).
+
+Where a pair of satellites measures both ways with the same noise, the test works on the sum and the difference of the
+two, each over sqrt 2: a rotation, which changes no statistic. Sums know positions alone and differences clocks alone,
+so that S falls into two blocks.
 """
 
 from __future__ import annotations
@@ -12,30 +16,101 @@ from __future__ import annotations
 import math
 
 from flightsw.crosslink.declare import kernel
-from flightsw.crosslink.matrices import factor_upper, gram, solve_upper_transposed, solve_upper_transposed_many
-from flightsw.crosslink.records import PARAMETERS
+from flightsw.crosslink.matrices import (
+    factor_upper,
+    gram,
+    near_diagonal,
+    solve_upper_transposed,
+    solve_upper_transposed_many,
+)
+from flightsw.crosslink.records import PARAMETERS, SATELLITES
 
 _FLOOR = 1e-7  # share of a parameter's own information below which nothing of it is left
+_ROOT_HALF = math.sqrt(0.5)
 
 
 @kernel
-def _shared(test, first, second, sigma_m, sigma_rate_mps):
-    """Covariance [m2] of two links by the errors of the satellites they share."""
-    total = 0.0
-    for a in range(2):
-        one = test["receiver"][first] if a == 0 else test["sender"][first]
-        for b in range(2):
-            other = test["receiver"][second] if b == 0 else test["sender"][second]
-            if one == other:
+def _rows(test):
+    """Rows of the test: links alone, sums of links that go both ways, and last their differences."""
+    links, receiver, sender = test["links"], test["receiver"], test["sender"]
+    link_of, first, second = test["link_of"], test["first"], test["second"]
+    for link in range(links):
+        link_of[receiver[link] * SATELLITES + sender[link]] = link
+    rows = 0
+    for link in range(links):
+        test["mate"][link] = -1
+        back = link_of[sender[link] * SATELLITES + receiver[link]]  # of an older epoch, perhaps
+        if (
+            0 <= back < links
+            and receiver[back] == sender[link]
+            and sender[back] == receiver[link]
+            and link_of[receiver[link] * SATELLITES + sender[link]] == link
+            and test["noise_m2"][back] == test["noise_m2"][link]
+        ):
+            test["mate"][link] = back
+        if test["mate"][link] < 0 or link < back:
+            first[rows], second[rows] = link, test["mate"][link]
+            test["sign"][rows] = 1.0
+            rows += 1
+    for link in range(links):
+        if test["mate"][link] > link:
+            first[rows], second[rows] = link, test["mate"][link]
+            test["sign"][rows] = -1.0
+            rows += 1
+
+
+@kernel
+def _ends(test, satellites, sigma_m, sigma_rate_mps):
+    """Rows of white, not yet whitened, and of `bias` and `rate`: sensitivities to healthy errors, in their sigma."""
+    links, columns = test["links"], satellites * PARAMETERS
+    head, following = test["head"], test["following"]
+    for satellite in range(satellites):
+        head[satellite] = -1
+    for row in range(links):
+        link, back, sign = test["first"][row], test["second"][row], test["sign"][row]
+        white = test["white"][row]
+        for column in range(columns):
+            white[column] = 0.0
+        for end in range(2):
+            satellite = test["receiver"][link] if end == 0 else test["sender"][link]
+            at = satellite * PARAMETERS
+            for k in range(PARAMETERS):
+                h, bias, rate = test["h"][link, end, k], test["h_bias"][link, end, k], test["h_rate"][link, end, k]
+                if back >= 0:
+                    h = _ROOT_HALF * (h + sign * test["h"][back, 1 - end, k])
+                    bias = _ROOT_HALF * (bias + sign * test["h_bias"][back, 1 - end, k])
+                    rate = _ROOT_HALF * (rate + sign * test["h_rate"][back, 1 - end, k])
+                white[at + k] = h
+                test["bias"][row, end, k] = sigma_m[k] * bias
+                test["rate"][row, end, k] = sigma_rate_mps[k] * rate
+            place = 2 * row + end
+            following[place] = head[satellite]
+            head[satellite] = place
+
+
+@kernel
+def _covariance(test, satellites):
+    """Upper triangle of S: noise, and what rows share by the healthy errors of a satellite of both."""
+    links, factor, following = test["links"], test["factor"], test["following"]
+    bias, rate = test["bias"], test["rate"]
+    for row in range(links):
+        for other in range(row, links):
+            factor[row, other] = 0.0
+        factor[row, row] = test["noise_m2"][test["first"][row]]
+    for satellite in range(satellites):
+        one = test["head"][satellite]
+        while one >= 0:
+            row, end = one // 2, one % 2
+            other = one
+            while other >= 0:
+                column, other_end = other // 2, other % 2
+                total = 0.0
                 for k in range(PARAMETERS):
-                    total += test["h_bias"][first, a, k] * test["h_bias"][second, b, k] * sigma_m[k] * sigma_m[k]
-                    total += (
-                        test["h_rate"][first, a, k]
-                        * test["h_rate"][second, b, k]
-                        * sigma_rate_mps[k]
-                        * sigma_rate_mps[k]
-                    )
-    return total
+                    total += bias[row, end, k] * bias[column, other_end, k]
+                    total += rate[row, end, k] * rate[column, other_end, k]
+                factor[min(row, column), max(row, column)] += total
+                other = following[other]
+            one = following[one]
 
 
 @kernel
@@ -72,15 +147,22 @@ def inverse_root(block, floor, eliminated, used, root):
 
 
 @kernel
-def _root_of(test, matrix, satellite, root):
-    """Root of a satellite's block of `matrix`; returns its rank. What is below the floor of the whole is nothing."""
-    at = satellite * PARAMETERS
+def _root_of_block(test, satellite, root):
+    """Root of a satellite's matrix, in test["block"]; returns its rank. Below the floor of the whole is nothing."""
     scale = 0.0
     for i in range(PARAMETERS):
-        scale = max(scale, test["diagonal"][at + i])
-        for j in range(PARAMETERS):
-            test["block"][i, j] = matrix[at + i, at + j]
+        scale = max(scale, test["diagonal"][satellite * PARAMETERS + i])
     return inverse_root(test["block"], _FLOOR * scale, test["eliminated"], test["used"], root)
+
+
+@kernel
+def _root_left(test, satellite, root):
+    """The same of what exclusions have left."""
+    at = satellite * PARAMETERS
+    for i in range(PARAMETERS):
+        for j in range(PARAMETERS):
+            test["block"][i, j] = test["gram_left"][at + i, at + j]
+    return _root_of_block(test, satellite, root)
 
 
 @kernel
@@ -104,26 +186,26 @@ def prepare(test, satellites, sigma_m, sigma_rate_mps):
     links = test["links"]
     columns = satellites * PARAMETERS
     test["columns"] = columns
-    test["ready"] = 0
-    factor, white = test["factor"], test["white"]
-    for first in range(links):
-        for second in range(first, links):
-            factor[first, second] = _shared(test, first, second, sigma_m, sigma_rate_mps)
-        factor[first, first] += test["noise_m2"][first]
-    if links == 0 or not factor_upper(factor, links):
+    test["ready"], test["whole"] = 0, 0
+    if links == 0:
         return False
-    for link in range(links):
-        for column in range(columns):
-            white[link, column] = 0.0
-        for k in range(PARAMETERS):
-            white[link, test["receiver"][link] * PARAMETERS + k] = test["h"][link, 0, k]
-            white[link, test["sender"][link] * PARAMETERS + k] = test["h"][link, 1, k]
-    solve_upper_transposed_many(factor, links, white, columns)
-    gram(white, links, columns, test["gram"])
+    _rows(test)
+    _ends(test, satellites, sigma_m, sigma_rate_mps)
+    _covariance(test, satellites)
+    if not factor_upper(test["factor"], links, test["reach"]):
+        return False
+    solve_upper_transposed_many(test["factor"], links, test["white"], columns, test["reach"])
+    near_diagonal(test["white"], links, columns, test["near"])
+    near, block = test["near"], test["block"]
     for column in range(columns):
-        test["diagonal"][column] = test["gram"][column, column]
+        test["diagonal"][column] = near[0, column]
     for satellite in range(satellites):
-        test["dof"][satellite] = _root_of(test, test["gram"], satellite, test["root"][satellite])
+        at = satellite * PARAMETERS
+        for i in range(PARAMETERS):
+            for j in range(i, PARAMETERS):
+                block[i, j] = near[j - i, at + i]
+                block[j, i] = near[j - i, at + i]
+        test["dof"][satellite] = _root_of_block(test, satellite, test["root"][satellite])
     test["ready"] = 1
     return True
 
@@ -133,9 +215,10 @@ def evaluate(test, residual_m):
     """Fill z, g and every satellite's statistic from the residuals (links,) [m], none of them excluded."""
     links, columns = test["links"], test["columns"]
     z, g, white = test["z"], test["g"], test["white"]
-    for link in range(links):
-        z[link] = residual_m[link]
-    solve_upper_transposed(test["factor"], links, z)
+    for row in range(links):
+        value, back = residual_m[test["first"][row]], test["second"][row]
+        z[row] = value if back < 0 else _ROOT_HALF * (value + test["sign"][row] * residual_m[back])
+    solve_upper_transposed(test["factor"], links, z, test["reach"])
     for column in range(columns):
         g[column] = 0.0
     for link in range(links):
@@ -151,8 +234,11 @@ def evaluate(test, residual_m):
 
 @kernel
 def restore(test):
-    """Begin a search: nobody is excluded."""
+    """Begin a search: nobody is excluded. What satellites share is needed from here on, and most epochs never do."""
     columns = test["columns"]
+    if test["whole"] == 0:
+        gram(test["white"], test["links"], columns, test["gram"])
+        test["whole"] = 1
     for a in range(columns):
         test["g_left"][a] = test["g"][a]
         for b in range(columns):
@@ -166,7 +252,7 @@ def exclude(test, satellite):
     at = satellite * PARAMETERS
     left, g_left, root = test["gram_left"], test["g_left"], test["root_left"]
     reduced, reduced_g = test["reduced"], test["reduced_g"]
-    rank = _root_of(test, left, satellite, root)
+    rank = _root_left(test, satellite, root)
     for i in range(rank):
         value = 0.0
         for k in range(PARAMETERS):
@@ -193,5 +279,5 @@ def exclude(test, satellite):
 @kernel
 def statistic_left(test, satellite):
     """(statistic, degrees of freedom) of a satellite in what the exclusions have left."""
-    rank = _root_of(test, test["gram_left"], satellite, test["root_left"])
+    rank = _root_left(test, satellite, test["root_left"])
     return _length(test["root_left"], rank, test["g_left"], satellite * PARAMETERS), rank

@@ -65,6 +65,8 @@ class AlertId(IntEnum):
     CROSSLINK_NEIGHBOUR_FAULTY = 37
     CROSSLINK_MAJORITY = 38
     RECEIVER_VELOCITY_FAULT = 39
+    CROSSLINK_UNMONITORED = 44
+    CROSSLINK_NEIGHBOUR_SILENT = 45
 
 
 class Alert(NamedTuple):
@@ -117,6 +119,8 @@ ALERTS: dict[int, Alert] = {
             AlertId.CROSSLINK_NEIGHBOUR_FAULTY, Severity.WARNING, "Another satellite's message found wrong: excluded"
         ),
         Alert(AlertId.CROSSLINK_MAJORITY, Severity.WARNING, "Most crosslinks disagree with own message"),
+        Alert(AlertId.CROSSLINK_UNMONITORED, Severity.WARNING, "Own broadcast message is not monitored"),
+        Alert(AlertId.CROSSLINK_NEIGHBOUR_SILENT, Severity.WARNING, "Another satellite is not monitored any more"),
         Alert(AlertId.RECEIVER_VELOCITY_FAULT, Severity.ALERT, "Receiver's velocity contradicts its positions"),
         Alert(AlertId.BURN_ACTIVE, Severity.INFO, "Announced burn in progress"),
     )

@@ -1281,7 +1281,7 @@ CROSSLINK_STATUS = FrameLayout(
     data_id=0xDF4B,
     data_id_bytes=bytes((0x4B, 0xDF)),
     sender="FLIGHT",
-    struct_format="<qIIffffffHHHHHBBBBBBB4xBH",
+    struct_format="<qIIffffffHHHHHBBBBBBBIBH",
     field_names=(
         "t_gps_ns",
         "faulty",
@@ -1304,6 +1304,7 @@ CROSSLINK_STATUS = FrameLayout(
         "network_worst",
         "own_peer",
         "weakest",
+        "unmonitored",
         "counter",
         "crc",
     ),
@@ -1331,6 +1332,7 @@ CROSSLINK_STATUS = FrameLayout(
                 "network_worst",
                 "own_peer",
                 "weakest",
+                "unmonitored",
                 "counter",
                 "crc",
             ],
@@ -1356,6 +1358,7 @@ CROSSLINK_STATUS = FrameLayout(
                 "u1",
                 "u1",
                 "u1",
+                "<u4",
                 "u1",
                 "<u2",
             ],
@@ -1381,6 +1384,7 @@ CROSSLINK_STATUS = FrameLayout(
                 54,  # network_worst [-]
                 55,  # own_peer [-]
                 56,  # weakest [-]
+                57,  # unmonitored [-]
                 61,  # counter [-]
                 62,  # crc [-]
             ],

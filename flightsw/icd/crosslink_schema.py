@@ -63,6 +63,7 @@ CROSSLINK = Schema(
             "epoch",  # what is taken from the bus
             real("epoch_s", "s", 0.01, 60.0, 1.0, "from one epoch to the next"),
             real("gap_max_s", "s", 0.02, 3600.0, 5.0, "after a longer gap the search for slow faults begins anew"),
+            real("silence_max_s", "s", 0.02, 300.0, 2.5, "a satellite that was not judged for longer is not monitored"),
             real(
                 "ephemeris_age_max_s", "s", 0.0, 5.0, 5.0, "older messages stand for nobody; two-body motion till then"
             ),

@@ -1537,8 +1537,12 @@ LEONAV_ALERT_ID_CROSSLINK_MAJORITY = 38
 enums["LEONAV_ALERT_ID"][38] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_MAJORITY", """Most crosslinks disagree with own message""")
 LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT = 39
 enums["LEONAV_ALERT_ID"][39] = EnumEntry("LEONAV_ALERT_ID_RECEIVER_VELOCITY_FAULT", """Receiver's velocity contradicts its positions""")
-LEONAV_ALERT_ID_ENUM_END = 40
-enums["LEONAV_ALERT_ID"][40] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
+LEONAV_ALERT_ID_CROSSLINK_UNMONITORED = 44
+enums["LEONAV_ALERT_ID"][44] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_UNMONITORED", """Own broadcast message is not monitored""")
+LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_SILENT = 45
+enums["LEONAV_ALERT_ID"][45] = EnumEntry("LEONAV_ALERT_ID_CROSSLINK_NEIGHBOUR_SILENT", """Another satellite is not monitored any more""")
+LEONAV_ALERT_ID_ENUM_END = 46
+enums["LEONAV_ALERT_ID"][46] = EnumEntry("LEONAV_ALERT_ID_ENUM_END", """""")
 
 # LEONAV_CROSSLINK_STATE
 enums["LEONAV_CROSSLINK_STATE"] = Enum()
@@ -3309,22 +3313,22 @@ class MAVLink_leonav_crosslink_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_LEONAV_CROSSLINK
     msgname = "LEONAV_CROSSLINK"
-    fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest"]
-    ordered_fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest"]
-    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest", "unmonitored"]
+    ordered_fieldnames = ["t_gps_ns", "faulty", "named", "own_statistic", "own_threshold", "network_statistic", "network_threshold", "weakest_m", "epoch_age_s", "links", "own_links", "rank", "parameters", "incomplete", "own_state", "majority", "own", "satellites", "network_worst", "own_peer", "weakest", "unmonitored"]
+    fieldtypes = ["int64_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"own_state": "LEONAV_CROSSLINK_STATE", "majority": "LEONAV_CROSSLINK_MAJORITY"}
     fieldunits_by_name: Dict[str, str] = {"t_gps_ns": "ns", "weakest_m": "m", "epoch_age_s": "s"}
-    native_format = bytearray(b"<qIIffffffHHHHHBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    native_format = bytearray(b"<qIIffffffHHHHHBBBBBBBI")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 33
-    unpacker = struct.Struct("<qIIffffffHHHHHBBBBBBB")
+    unpacker = struct.Struct("<qIIffffffHHHHHBBBBBBBI")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int):
+    def __init__(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int, unmonitored: int = 0):
         MAVLink_message.__init__(self, MAVLink_leonav_crosslink_message.id, MAVLink_leonav_crosslink_message.msgname)
         self._fieldnames = MAVLink_leonav_crosslink_message.fieldnames
         self._instance_field = MAVLink_leonav_crosslink_message.instance_field
@@ -3350,9 +3354,10 @@ class MAVLink_leonav_crosslink_message(MAVLink_message):
         self.network_worst = network_worst
         self.own_peer = own_peer
         self.weakest = weakest
+        self.unmonitored = unmonitored
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.faulty, self.named, self.own_statistic, self.own_threshold, self.network_statistic, self.network_threshold, self.weakest_m, self.epoch_age_s, self.links, self.own_links, self.rank, self.parameters, self.incomplete, self.own_state, self.majority, self.own, self.satellites, self.network_worst, self.own_peer, self.weakest), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.t_gps_ns, self.faulty, self.named, self.own_statistic, self.own_threshold, self.network_statistic, self.network_threshold, self.weakest_m, self.epoch_age_s, self.links, self.own_links, self.rank, self.parameters, self.incomplete, self.own_state, self.majority, self.own, self.satellites, self.network_worst, self.own_peer, self.weakest, self.unmonitored), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -5124,7 +5129,7 @@ class MAVLink(object):
         """
         self.send(self.leonav_gnss_check_encode(t_gps_ns, used, excluded, age_s, statistic, threshold, protection_m, limit_m, sigma_m, epochs, offered_count, verdict, refused, dof, available, offered), force_mavlink1=force_mavlink1)
 
-    def leonav_crosslink_encode(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int) -> MAVLink_leonav_crosslink_message:
+    def leonav_crosslink_encode(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int, unmonitored: int = 0) -> MAVLink_leonav_crosslink_message:
         """
         The inter-satellite monitor: who is excluded, statistics against
         thresholds, what no range can show.
@@ -5150,11 +5155,12 @@ class MAVLink(object):
         network_worst             : Satellite of network_statistic; 255: none. (type:uint8_t)
         own_peer                  : Neighbour that would explain the own links as well; 255: none. (type:uint8_t)
         weakest                   : Satellite of weakest_m; 255: none. (type:uint8_t)
+        unmonitored               : Bit i: no epoch of late would have shown every error of satellite i: nothing is known of it. (type:uint32_t)
 
         """
-        return MAVLink_leonav_crosslink_message(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest)
+        return MAVLink_leonav_crosslink_message(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest, unmonitored)
 
-    def leonav_crosslink_send(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int, force_mavlink1: bool = False) -> None:
+    def leonav_crosslink_send(self, t_gps_ns: int, faulty: int, named: int, own_statistic: float, own_threshold: float, network_statistic: float, network_threshold: float, weakest_m: float, epoch_age_s: float, links: int, own_links: int, rank: int, parameters: int, incomplete: int, own_state: int, majority: int, own: int, satellites: int, network_worst: int, own_peer: int, weakest: int, unmonitored: int = 0, force_mavlink1: bool = False) -> None:
         """
         The inter-satellite monitor: who is excluded, statistics against
         thresholds, what no range can show.
@@ -5180,9 +5186,10 @@ class MAVLink(object):
         network_worst             : Satellite of network_statistic; 255: none. (type:uint8_t)
         own_peer                  : Neighbour that would explain the own links as well; 255: none. (type:uint8_t)
         weakest                   : Satellite of weakest_m; 255: none. (type:uint8_t)
+        unmonitored               : Bit i: no epoch of late would have shown every error of satellite i: nothing is known of it. (type:uint32_t)
 
         """
-        self.send(self.leonav_crosslink_encode(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest), force_mavlink1=force_mavlink1)
+        self.send(self.leonav_crosslink_encode(t_gps_ns, faulty, named, own_statistic, own_threshold, network_statistic, network_threshold, weakest_m, epoch_age_s, links, own_links, rank, parameters, incomplete, own_state, majority, own, satellites, network_worst, own_peer, weakest, unmonitored), force_mavlink1=force_mavlink1)
 
     def leonav_protection_encode(self, t_gps_ns: int, level_m: Sequence[float], limit_m: Sequence[float], level_3d_m: float, level_rtn_m: Sequence[float], driver: int) -> MAVLink_leonav_protection_message:
         """

@@ -106,6 +106,7 @@ def _crosslink(record: np.void) -> Iterator[str]:
             yield f"{name} = {record[name]} is not below satellites = {record['satellites']}; lower {name}"
     for low, high in (("epoch_s", "gap_max_s"), ("radius_min_m", "radius_max_m")):
         yield from _ordered(record, low, high)
+    yield from _ordered(record, "epoch_s", "silence_max_s", strictly=True)
 
 
 def _velocity_check(record: np.void) -> Iterator[str]:

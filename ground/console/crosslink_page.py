@@ -19,7 +19,7 @@ _STYLES: dict[int, str] = {
     CrosslinkState.FAULT: "bold red",
 }
 _WORDS: dict[int, str] = {
-    CrosslinkState.NOT_JUDGED: "NOT JUDGED",
+    CrosslinkState.NOT_JUDGED: "NOT MONITORED",
     CrosslinkState.CLEAR: "CLEAR",
     CrosslinkState.SUSPECT: "IN DOUBT",
     CrosslinkState.FAULT: "WRONG: DO NOT USE",
@@ -45,6 +45,7 @@ def crosslink_page(state: State, now_s: float) -> Text:
     if told.own_peer != _NOBODY:
         text.append(f"   or that of satellite {told.own_peer + 1}, which explains the links as well")
     text.append(f"\nexcluded      {named_words(told.faulty)}", style="bold red" if told.faulty else "")
+    text.append(f"\nnot monitored {named_words(told.unmonitored)}", style="bold yellow" if told.unmonitored else "")
     text.append(f"\nmajority      {_known(_MAJORITY, told.majority)}\n\n")
     text.append(f"own links     {_against(told.own_statistic, told.own_threshold)}\n")
     worst = "" if told.network_worst == _NOBODY else f"   satellite {told.network_worst + 1}"
@@ -82,11 +83,12 @@ def named_words(faulty: int) -> str:
 def plain_words(told: Crosslink, stale: str) -> str:
     """All of it in a few words, for a line. stale: mark of a message that is not renewed."""
     excluded = f", excluded {named_words(told.faulty)}" if told.faulty else ""
+    unmonitored = f", not monitored {named_words(told.unmonitored)}" if told.unmonitored else ""
     epoch = "" if told.epoch_age_s <= EPOCH_STALE_S else f", no epoch for {seconds(told.epoch_age_s)}"
     if math.isnan(told.epoch_age_s):
         epoch = ", no epoch yet"
     statistic = f", {_against(told.network_statistic, told.network_threshold)}"
-    return f"crosslinks: own message {own_words(told.own_state)}{excluded}{statistic}{epoch}{stale}"
+    return f"crosslinks: own message {own_words(told.own_state)}{excluded}{unmonitored}{statistic}{epoch}{stale}"
 
 
 def _known(words: dict[int, str], number: int) -> str:

@@ -30,6 +30,7 @@ class Crosslink(NamedTuple):
     network_worst: int
     own_peer: int
     weakest: int
+    unmonitored: int = 0  # an older flight does not tell
 
 
 def fold_crosslink(state: Any, message: Any, now_s: float) -> Any:

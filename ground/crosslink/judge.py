@@ -1,4 +1,10 @@
-"""Uploads judged in bulk by the kernels that fly: residuals from drawn errors, then all three monitors."""
+"""Uploads judged in bulk: residuals from drawn errors, then all three monitors.
+
+The kernels that fly judge every upload in which anything could be found. Of all others, which are nearly all healthy
+ones, only the statistics are wanted: each is the squared length of four linear functions of the residuals. These
+functions are read off the flight kernels themselves, a unit residual at a time, and thousands of uploads are multiplied
+by them at once.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +13,8 @@ import numpy as np
 from flightsw.crosslink.declare import ROOM, entry
 from flightsw.crosslink.isolation import isolate
 from flightsw.crosslink.majority import UNRELIABLE, heard_by, majority
-from flightsw.crosslink.own import decide
-from flightsw.crosslink.records import MONITOR_TABLE, TEST, WORK
+from flightsw.crosslink.own import CLEAR, NOT_JUDGED, SMALL, decide
+from flightsw.crosslink.records import MONITOR_TABLE, PARAMETERS, TEST, WORK
 from flightsw.crosslink.setup import MonitorMemory
 from flightsw.crosslink.weighted_test import evaluate
 from flightsw.kernels.registry import MATRIX, TIMES, frozen_records, records
@@ -96,11 +102,33 @@ def _declare(room):
     return _judge
 
 
+def _declare_functions(room):
+    @entry(records(TEST), MATRIX, MATRIX, TIMES)
+    def _functions(tests, residual_m, out, code):
+        """out (k, 4 satellites): what the statistics are the squared lengths of, for residuals (k, links)."""
+        test = tests[0]
+        for row in range(residual_m.shape[0]):
+            evaluate(test, residual_m[row])
+            for satellite in range(test["columns"] // PARAMETERS):
+                at = PARAMETERS * satellite
+                for i in range(PARAMETERS):
+                    value = 0.0
+                    if i < test["dof"][satellite]:
+                        for k in range(PARAMETERS):
+                            value += test["root"][satellite, i, k] * test["g"][at + k]
+                    out[row, at + i] = value
+        code[0] = room
+
+    return _functions
+
+
 _judge = _declare(ROOM)
+_functions = _declare_functions(ROOM)
+_SURELY = 0.999  # of a threshold: what stays below it is no finding of the flight kernels, whatever the rounding
 
 
-def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
-    """Judge k uploads in the geometry that a monitor was made ready in.
+def judge_each(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
+    """Judge k uploads by the kernels that fly, in the geometry that a monitor was made ready in.
 
     errors_m (k, 4n) [m]: radial, along-track, cross-track, clock of each satellite; noise_m (k, links) [m]. Returns
     (k,) of JUDGED.
@@ -109,6 +137,63 @@ def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> n
     heard, start = _heard(memory)
     _judge(memory.table, memory.network, memory.own, memory.work, errors_m, noise_m, heard, start, judged)
     return judged
+
+
+class Judge:
+    """What `judge_each` does, for thousands of uploads in one geometry: `judge`, with the same result."""
+
+    def __init__(self, memory: MonitorMemory) -> None:
+        test, table = memory.network[0], memory.table[0]
+        links, n, own = int(test["links"]), int(table["satellites"]), int(table["own"])
+        receiver, sender = test["receiver"][:links], test["sender"][:links]
+        self._memory = memory
+        self._sensitivity = np.zeros((PARAMETERS * n, links))
+        for k in range(PARAMETERS):
+            self._sensitivity[PARAMETERS * receiver + k, np.arange(links)] = test["h"][:links, 0, k]
+            self._sensitivity[PARAMETERS * sender + k, np.arange(links)] = test["h"][:links, 1, k]
+        self._network = _read(memory.network, links, PARAMETERS * n)
+        self._sum = np.repeat(np.eye(n), PARAMETERS, axis=0)
+        self._own_links = np.flatnonzero((receiver == own) | (sender == own))
+        self._own_dof = int(memory.own["dof"][0, 0])
+        self._own = _read(memory.own, len(self._own_links), int(memory.own["columns"][0]))[:, :PARAMETERS]
+        heard, start = _heard(memory)
+        self._mine = heard[start[own] : start[own + 1]]
+        dof = np.array(test["dof"])[:n]
+        self._thresholds = np.where(dof > 0, np.array(table["network_threshold"])[dof], np.inf)
+        self._own_threshold = float(table["own_threshold"][self._own_dof])
+        self._own_clear = float(table["clear_threshold"][self._own_dof])
+        self._majority_m = float(table["majority_threshold_m"])
+
+    def judge(self, errors_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
+        """As `judge_each`; statistics of uploads without a finding are the same but for rounding."""
+        residual = errors_m @ self._sensitivity
+        residual += noise_m
+        statistic = (residual @ self._network) ** 2 @ self._sum
+        own = ((residual[:, self._own_links] @ self._own) ** 2).sum(axis=1)
+        size = np.abs(residual)
+        judged = np.zeros(len(residual), JUDGED)
+        judged["statistic"], judged["worst"] = statistic.max(axis=1), statistic.argmax(axis=1)
+        judged["own_statistic"] = own
+        judged["own"] = NOT_JUDGED if self._own_dof == 0 else np.where(own < self._own_clear, CLEAR, SMALL)
+        judged["largest_m"] = size[:, self._mine].max(axis=1, initial=0.0)
+        found = (statistic > _SURELY * self._thresholds).any(axis=1)
+        found |= own > _SURELY * self._own_threshold
+        found |= size.max(axis=1) > _SURELY * self._majority_m
+        if found.any():
+            judged[found] = judge_each(self._memory, errors_m[found], noise_m[found])
+        return judged
+
+
+def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
+    """`Judge(memory).judge`, for a batch that stands alone."""
+    return Judge(memory).judge(errors_m, noise_m)
+
+
+def _read(test: np.ndarray, links: int, columns: int) -> np.ndarray:
+    """Linear functions (links, columns) of the residuals of a test made ready, as `_functions` computes them."""
+    out = np.zeros((links, columns))
+    _functions(test, np.eye(links), out, np.zeros(1))
+    return out
 
 
 def _heard(memory: MonitorMemory) -> tuple[np.ndarray, np.ndarray]:

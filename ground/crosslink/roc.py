@@ -13,7 +13,7 @@ import numpy as np
 
 from flightsw.crosslink.thresholds import chi2_quantile
 from ground.campaign.seeds import tuning
-from ground.crosslink.judge import judge
+from ground.crosslink.judge import Judge
 from ground.crosslink.scene import PERIOD_S, Setting, ready
 from hil_sim.truth.constellation.broadcast import DIRECTIONS
 
@@ -45,11 +45,12 @@ def curves(setting: Setting, seed: int, geometries: int) -> dict[str, Any]:
     counted = [rate * len(healthy) >= 5.0 for rate in RATES]
     middle = np.array([healthy[min(int(np.ceil((1.0 - rate) * len(healthy))), len(healthy) - 1)] for rate in RATES])
     for rng, own, memory, pairs, h, mine in draws:
+        judge = Judge(memory).judge
         for a, jump in enumerate(JUMPS_M):
             for direction in range(4):
                 errors, noise = _draw(rng, _UPLOADS, sigma, setting.range_sigma_m, len(pairs))
                 errors[:, 4 * own + direction] += jump
-                judged = judge(memory, errors, noise)
+                judged = judge(errors, noise)
                 found[0, a, direction] += (judged["statistic"][:, None] > share).mean(axis=0) / geometries
                 found[1, a, direction] += (judged["own_statistic"][:, None] > dof4).mean(axis=0) / geometries
                 values = _middle(errors, noise, h, pairs, mine)

@@ -117,8 +117,8 @@ def _certain(setting: Setting, seed: int) -> dict[str, dict[str, float]]:
     for _ in range(_GEOMETRIES):
         memory, _ = ready(setting, float(rng.uniform(0.0, PERIOD_S)))
         wanted = float(memory.table["certain_noncentrality"][0])
-        diagonal = np.array(memory.network["gram"][0]).diagonal()
-        mine = np.array(memory.own["gram"][0]).diagonal()
+        diagonal = np.array(memory.network["diagonal"][0])
+        mine = np.array(memory.own["diagonal"][0])
         for k, name in enumerate(DIRECTIONS):
             for satellite in range(setting.walker.total):
                 if diagonal[4 * satellite + k] > 0.0:

@@ -14,11 +14,11 @@ import numpy as np
 from flightsw.crosslink.own import FAULT, SUSPECT
 from ground.campaign import store
 from ground.campaign.seeds import Seeds, tuning
-from ground.crosslink.judge import judge, mask_of
+from ground.crosslink.judge import Judge, mask_of
 from ground.crosslink.scene import PERIOD_S, Setting, ready
 from hil_sim.truth.constellation.broadcast import DIRECTIONS
 
-BATCH = 5000
+BATCH = 1000  # what stays in the processor's cache
 BIN = 0.5
 BINS = 200  # of the histograms of statistics
 
@@ -77,12 +77,13 @@ def one(uploads: Uploads, run: int) -> Arrays:
     satellites = setting.walker.total
     own = int(rng.integers(satellites))
     memory, pairs = ready(setting, t_s, own)
+    judge = Judge(memory).judge
     sigma = np.tile(setting.errors.sigma_m, satellites)
     counts = dict.fromkeys(("healthy", "majority_false", "own_false", "network_false", "link_beyond"), 0)
     network, mine = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
     while counts["healthy"] < uploads.healthy:
         k = min(BATCH, uploads.healthy - counts["healthy"])
-        judged = judge(memory, *_draw(rng, k, sigma, setting.range_sigma_m, len(pairs)))
+        judged = judge(*_draw(rng, k, sigma, setting.range_sigma_m, len(pairs)))
         counts["healthy"] += k
         counts["majority_false"] += int((judged["beyond"] != 0).sum())
         counts["network_false"] += int((judged["named"] != 0).sum())
@@ -94,7 +95,7 @@ def one(uploads: Uploads, run: int) -> Arrays:
     for index, case in enumerate(CASES):
         errors, noise = _draw(rng, uploads.faulty, sigma, setting.range_sigma_m, len(pairs))
         masks = _inject(rng, case, errors, own, satellites)
-        judged = judge(memory, errors, noise)
+        judged = judge(errors, noise)
         found[:, index] = (
             len(judged),
             ((judged["beyond"] >> own) & 1).sum(),

@@ -196,8 +196,9 @@ def test_a_ramp_is_told_within_two_seconds_of_the_epoch_that_shows_it() -> None:
 
 def test_lost_frames_cost_whole_epochs_and_silence_is_no_health() -> None:
     """GIVEN frames that are lost from 20 to 30 s, and none at all from 40 s on, THEN epochs that lack a frame are
-    counted and not judged; and 10 s after the last epoch the state is NOT_JUDGED, with a frame every second that
-    tells its age.
+    counted and not judged; and 2.5 s after the last verdict, within 2 s of when the next epoch should have been there,
+    CROSSLINK_UNMONITORED and CROSSLINK_NEIGHBOUR_SILENT are raised, the state is NOT_JUDGED and all 24 satellites are
+    told as not monitored, with a frame every second that tells the age of the last epoch.
     """
     entries = faults(fault("frame_drop", 20, 10, probability=0.02), fault("frame_drop", 40, 60))
     flown = Flown("time.duration_s=60", HEALTHY, entries)
@@ -212,7 +213,45 @@ def test_lost_frames_cost_whole_epochs_and_silence_is_no_health() -> None:
     assert last["own_state"] == CrosslinkState.NOT_JUDGED
     assert last["majority"] == CrosslinkMajority.NO_VERDICT
     assert float(last["epoch_age_s"]) == pytest.approx(20.0, abs=1.5)
-    assert flown.at(45.0)["own_state"] == CrosslinkState.CLEAR
+    assert int(last["unmonitored"]) == (1 << 24) - 1
+    assert flown.at(41.5)["own_state"] == CrosslinkState.CLEAR
+    assert int(flown.at(41.5)["unmonitored"]) == 0
+    due_s = 40.0 + min(tick / 10.0 - k for k, (tick, _) in enumerate(flown.status[:10]))
+    for alert in (AlertId.CROSSLINK_UNMONITORED, AlertId.CROSSLINK_NEIGHBOUR_SILENT):
+        *_, (raised_s, began) = flown.alerts(alert)
+        assert began == 1
+        assert 0.0 < raised_s - due_s <= 2.0
+    early = [tick for tick, record in flown.status if 40.0 < tick / 10.0 < 43.0 and int(record["unmonitored"])]
+    assert early[0] / 10.0 - due_s <= 2.0
+
+
+def test_one_neighbour_that_falls_silent_is_told_and_the_others_stay_monitored() -> None:
+    """GIVEN that satellite 5 broadcasts no message from 10 s on WHEN its last one is too old, after 5 s, and 2.5 s have
+    gone by besides THEN CROSSLINK_NEIGHBOUR_SILENT is raised and it alone is not monitored; the own state stays CLEAR;
+    with its message again from 20 s on the alert is over."""
+    sink = Telemetry()
+    told = {}
+    with Flight(load("time.duration_s=25", HEALTHY, name="crosslink_jump"), sink=sink) as flight:
+        while flight.k < flight.world.n_ticks:
+            k = flight.k
+            for frame_id, payload in flight.world.frames_due(k):
+                silent = 100 <= k < 200 and frame_id == CROSSLINK_EPHEMERIS.frame_id
+                if not silent or np.frombuffer(payload, CROSSLINK_EPHEMERIS.dtype)["satellite"][0] != 4:
+                    flight.put(frame_id, payload)
+            flight.tick(with_world=False)
+        for tick, frame_id, payload in flight.published:
+            if frame_id == CROSSLINK_STATUS.frame_id:
+                told[tick] = np.frombuffer(payload, CROSSLINK_STATUS.dtype)[0]
+    alerts = [m for m in sink.of("LEONAV_ALERT") if m.alert_id == AlertId.CROSSLINK_NEIGHBOUR_SILENT]
+    times = [(m.t_gps_ns - flight.world.t_start_gps_ns) / NS for m in alerts]
+    assert [m.active for m in alerts] == [1, 0]
+    assert 16.0 < times[0] <= 18.0
+    assert 20.0 < times[1] <= 21.0
+    masks = {tick: int(record["unmonitored"]) for tick, record in told.items()}
+    assert {mask for tick, mask in masks.items() if 10 < tick < 160 or tick > 210} == {0}
+    assert {mask for tick, mask in masks.items() if 182 < tick < 200} == {1 << 4}
+    assert all(record["own_state"] == CrosslinkState.CLEAR for tick, record in told.items() if tick > 10)
+    assert not [m for m in sink.of("LEONAV_ALERT") if m.alert_id == AlertId.CROSSLINK_UNMONITORED]
 
 
 def test_after_a_gap_the_search_for_slow_faults_begins_anew() -> None:
@@ -239,6 +278,8 @@ def test_the_own_satellite_alone_without_exchange() -> None:
     assert float(last["network_statistic"]) < 0.0
     assert int(last["faulty"]) == 0
     assert int(last["links"]) == int(last["own_links"]) > 5
+    assert int(last["unmonitored"]) == (1 << 24) - 1 & ~(1 << (OWN - 1))
+    assert flown.alerts(AlertId.CROSSLINK_NEIGHBOUR_SILENT) == []  # it never was monitored
 
 
 def test_garbage_under_the_crosslinks_identifiers_is_counted_and_harms_nothing() -> None:
@@ -255,6 +296,6 @@ def test_garbage_under_the_crosslinks_identifiers_is_counted_and_harms_nothing()
                 flight.put(353, frame(353, k + 1, t_gps_ns=2**62, links_total=1, sigma_m=1.0, sender_1=1))
             flight.tick()
     told = {m.alert_id for m in sink.of("LEONAV_ALERT")}
-    assert not told & {35, 36, 37, 38}
+    assert not told & {35, 36, 37, 38, 44, 45}
     assert flight.counts["NOT_FINITE"] >= 10
     assert flight.counts["TIME_STALE"] >= 4

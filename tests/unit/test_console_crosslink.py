@@ -79,12 +79,14 @@ def test_a_doubt_says_whose_it_may_be_as_well() -> None:
 def test_silence_must_not_look_like_health() -> None:
     """GIVEN no epoch, an old epoch, or no message any more THEN the page says so in words."""
     assert "last epoch    none yet" in page(epoch_age_s=math.nan, own_state=CrosslinkState.NOT_JUDGED)
-    assert "own message   NOT JUDGED" in page(epoch_age_s=math.nan, own_state=CrosslinkState.NOT_JUDGED)
+    assert "own message   NOT MONITORED" in page(epoch_age_s=math.nan, own_state=CrosslinkState.NOT_JUDGED)
     assert "last epoch    12.0 s ago   SILENT" in page(epoch_age_s=12.0)
     late = page(now_s=20.0)
     assert "STALE 20.0 s" in late
     assert "last epoch    20.4 s ago   SILENT" in late
     assert "not judged" in page(network_statistic=-1.0)
+    assert "not monitored satellite 5\n" in page(unmonitored=1 << 4)
+    assert "not monitored none\n" in page()
     assert "said nothing of crosslinks" in crosslink_page(State(), 0.0).plain
 
 
@@ -118,6 +120,7 @@ def test_the_plain_line_tells_it_too() -> None:
     assert words in status_line(state, 1.0)
     assert f"{words} STALE 20.0 s" in status_line(state, 20.0)
     quiet = reduce(State(), heard(message(epoch_age_s=math.nan, own_state=CrosslinkState.NOT_JUDGED)), 0.0)
-    assert "own message NOT JUDGED, 9.5 of 43.2, no epoch for never" not in status_line(quiet, 0.0)
-    assert "no epoch yet" in status_line(quiet, 0.0)
+    assert "own message NOT MONITORED, 9.5 of 43.2, no epoch yet" in status_line(quiet, 0.0)
+    silent = reduce(State(), heard(message(unmonitored=1 << 4 | 1 << 6)), 0.0)
+    assert "own message CLEAR, not monitored satellites 5, 7, 9.5 of" in status_line(silent, 0.0)
     assert "crosslinks" not in status_line(State(), 0.0)

@@ -14,7 +14,7 @@ from flightsw.crosslink.thresholds import chi2_tail
 from ground.__main__ import main
 from ground.campaign.statistics import trials_needed, upper_limit
 from ground.crosslink import ledger, paper, real_day, roc, tail, uploads
-from ground.crosslink.judge import judge, mask_of
+from ground.crosslink.judge import judge, judge_each, mask_of
 from ground.crosslink.scene import Setting, mean_neighbours, ready
 
 pytestmark = pytest.mark.compiled  # matrices of 96 by 96: plain Python would take minutes an epoch
@@ -81,6 +81,27 @@ def test_large_jumps_are_seen_by_the_papers_rule() -> None:
             assert share > 0.85 if seen else share < 0.15
             assert (judged["named"] == mask_of((2,))).mean() > 0.98
     assert (judge(memory, errors, noise)["named"] == 0).all()
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_uploads_in_bulk_are_judged_as_one_by_one(both: bool) -> None:
+    """GIVEN healthy and faulty uploads, and thresholds that some healthy ones exceed WHEN judged by the thousand THEN
+    every finding is that of the flight kernels, and every statistic theirs but for rounding."""
+    memory, pairs = ready(Setting(both=both, p_false_alarm=0.05), 1234.0, own=5)
+    rng = np.random.default_rng(11)
+    errors = rng.standard_normal((900, 96)) * np.tile(Setting().errors.sigma_m, 24)
+    errors[300:600, 4 * rng.integers(24) + rng.integers(4)] += 45.0
+    errors[600:, 4 * 5 + 3] += 90.0
+    noise = 11.8 * rng.standard_normal((900, len(pairs)))
+    bulk, each = judge(memory, errors, noise), judge_each(memory, errors, noise)
+    for name in ("beyond", "worst", "named", "own", "code"):
+        mine = bulk[name] if name != "code" else np.where(bulk["code"] == 0, each["code"], bulk["code"])
+        assert np.array_equal(mine, each[name]), name
+    for name in ("statistic", "own_statistic", "largest_m"):
+        np.testing.assert_allclose(bulk[name], each[name], rtol=1e-9, atol=1e-9)
+    assert 0.3 < (bulk["code"] == 0).mean() < 0.9  # of both kinds
+    assert (each["named"][:300] != 0).any()
+    assert (each["beyond"] >> 5 & 1).any()
 
 
 def test_ten_million_runs_do_not_show_2e_7() -> None:

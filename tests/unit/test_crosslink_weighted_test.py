@@ -145,8 +145,9 @@ def test_factor_refuses_what_is_not_positive_definite() -> None:
     b = RNG.standard_normal((7, 7))
     good = b @ b.T + np.eye(7)
     u = good.copy()
-    assert factor_upper(u, 7)
+    reach = np.zeros(7, np.int64)
+    assert factor_upper(u, 7, reach)
     np.testing.assert_allclose(np.triu(u).T @ np.triu(u), good, rtol=1e-12, atol=1e-12)
-    assert not factor_upper(good - 100.0 * np.eye(7), 7)
+    assert not factor_upper(good - 100.0 * np.eye(7), 7, reach)
     good[2, 2] = np.nan
-    assert not factor_upper(good, 7)
+    assert not factor_upper(good, 7, reach)

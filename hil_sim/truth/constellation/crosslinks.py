@@ -60,15 +60,24 @@ def flight_m(constellation: Constellation, t_s: float) -> np.ndarray:
     The sender's motion within the flight time is expanded to the third order: 0.1 s at 0.6 m/s2 and its rate, exact to
     a micrometre. tests/unit/test_constellation.py iterates the flight time on the orbit itself instead.
     """
+    n = len(constellation.names)
+    receiver, sender = np.divmod(np.arange(n * n), n)
+    return _flight_of_pairs(constellation, t_s, receiver, sender).reshape(n, n)
+
+
+def _flight_of_pairs(constellation: Constellation, t_s: float, receiver: np.ndarray, sender: np.ndarray) -> np.ndarray:
+    """The same (m,) [m] of these pairs alone."""
     r, v = constellation.states(t_s)
     radius = np.linalg.norm(r, axis=1, keepdims=True)
     a = -3.986004418e14 * r / radius**3
     jerk = -3.986004418e14 * (v / radius**3 - 3.0 * r * np.einsum("ij,ij->i", r, v)[:, None] / radius**5)
-    tau = np.zeros((len(r), len(r), 1))
+    here, there, speed = r[receiver], r[sender], v[sender]
+    half, sixth = 0.5 * a[sender], jerk[sender] / 6.0
+    tau = np.zeros((len(here), 1))
     for _ in range(4):
-        sender = r[None] - tau * v[None] + 0.5 * tau**2 * a[None] - tau**3 / 6.0 * jerk[None]
-        distance = np.linalg.norm(r[:, None] - sender, axis=2)
-        tau = (distance / LIGHT_MPS)[:, :, None]
+        gap = here - (there - tau * (speed - tau * (half - tau * sixth)))
+        distance = np.sqrt(np.einsum("ij,ij->i", gap, gap))
+        tau = (distance / LIGHT_MPS)[:, None]
     return distance
 
 
@@ -94,12 +103,12 @@ class Ranging:
         pairs (k,2): those in view. clock_m (n,): true clocks minus system time, as range; they drop out of two ways.
         The same number of random numbers is drawn whatever drops out.
         """
-        distance = flight_m(constellation, t_s)
         i, j = pairs[:, 0], pairs[:, 1]
+        true = _flight_of_pairs(constellation, t_s, i, j)
         if self.two_way:
-            true = 0.5 * (distance[i, j] + distance[j, i])
+            true = 0.5 * (true + _flight_of_pairs(constellation, t_s, j, i))
         else:
-            true = distance[i, j] + clock_m[i] - clock_m[j]
+            true += clock_m[i] - clock_m[j]
         noise = rng.standard_normal(len(pairs))
         lost = rng.random(len(pairs)) < self.dropout
         return pairs[~lost], (true + self.bias_m + self.sigma_m * noise)[~lost]
