@@ -62,8 +62,8 @@ def test_the_reason_names_the_numbers() -> None:
 
 
 def test_what_the_certificate_does_not_cover_is_named() -> None:
-    """GIVEN a certified table, not covered here and now THEN its cause stands beside NOT CERTIFIED, no two alike; one that
-    this console does not know reads as none named."""
+    """GIVEN a certified table, not covered here and now THEN its cause stands beside NOT CERTIFIED, no two alike; one
+    that this console does not know reads as none named."""
     changes = {"verdict": Verdict.NOT_CERTIFIED, "certificate": Certificate.FULL}
     judgements = [judge(after(integrity(uncovered=one, **changes)), 10.0) for one in (*Uncovered, 99)]
     assert {one.word for one in judgements} == {"NOT CERTIFIED"}
