@@ -29,6 +29,7 @@ help:  ## list the targets
 
 # The stamp stands for an environment that agrees with pyproject.toml and constraints.txt. While it does, nothing is
 # asked of any package index. Without a network, pip's own variables (PIP_NO_INDEX, PIP_FIND_LINKS) are honoured.
+# Modules are compiled when they are first imported: most never are, and to compile them all is most of an installation.
 $(STAMP): pyproject.toml constraints.txt
 	@python=; \
 	for candidate in $(or $(PYTHON),$(CANDIDATES)); do \
@@ -47,7 +48,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  exit 1; \
 	fi
 	@echo "setup: installing pinned dependencies (the satellite data alone are some 100 MB)"
-	@$(PY) -m pip install --quiet -c constraints.txt -e '.[sim,ground,dev]'
+	@$(PY) -m pip install --quiet --no-compile -c constraints.txt -e '.[sim,ground,dev]'
 	@touch $@
 
 .PHONY: setup
