@@ -29,6 +29,7 @@ help:  ## list the targets
 
 # The stamp stands for an environment that agrees with pyproject.toml and constraints.txt. While it does, nothing is
 # asked of any package index. Without a network, pip's own variables (PIP_NO_INDEX, PIP_FIND_LINKS) are honoured.
+# Modules are compiled when they are first imported: most never are, and to compile them all is most of an installation.
 $(STAMP): pyproject.toml constraints.txt
 	@python=; \
 	for candidate in $(or $(PYTHON),$(CANDIDATES)); do \
@@ -47,7 +48,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  exit 1; \
 	fi
 	@echo "setup: installing pinned dependencies (the satellite data alone are some 100 MB)"
-	@$(PY) -m pip install --quiet -c constraints.txt -e '.[sim,ground,dev]'
+	@$(PY) -m pip install --quiet --no-compile -c constraints.txt -e '.[sim,ground,dev]'
 	@touch $@
 
 .PHONY: setup
@@ -58,16 +59,20 @@ sil: setup  ## fly the nominal scenario: two orbits, a GNSS outage, a verdict an
 	@$(PY) -m hil_sim run nominal --out runs/nominal
 
 .PHONY: test
-# The lanes of the kernels, and what needs real data or an environment of its own, run beside the rest, which takes
-# longest; its output follows theirs, so that its summary is the last line. Every lane runs even if another has failed.
+# Lanes run beside one another: what one waits for, another computes. The longest, which also has what runs in real time,
+# goes first where processors are short; its output comes last, so that its summary is the last line. What is outside
+# flies with the kernels that it has compiled by then. Every lane runs even if another has failed.
 test: setup  ## all tests: kernels with bounds checks, as plain Python with coverage, outside; beside them the rest
 	@mkdir -p $(OUT); \
 	$(MAKE) --no-print-directory test-default >$(OUT)/default.log 2>&1 & default=$$!; \
-	trap 'kill $$default 2>/dev/null' INT TERM; \
+	nice -n 5 $(MAKE) --no-print-directory test-coverage >$(OUT)/coverage.log 2>&1 & coverage=$$!; \
+	trap 'kill $$default $$coverage 2>/dev/null' INT TERM; \
 	status=0; \
-	for lane in test-bounds test-coverage test-outside; do \
-	  $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
+	for lane in test-bounds test-outside; do \
+	  nice -n 5 $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
 	done; \
+	wait $$coverage || { echo "test-coverage: FAILED"; status=1; }; \
+	cat $(OUT)/coverage.log; \
 	echo "== everything, as it flies"; \
 	tail -n +1 -f --pid=$$default $(OUT)/default.log & \
 	wait $$default || { wait; echo "test-default: FAILED"; status=1; }; \

@@ -72,6 +72,7 @@ def is_within(name: str, module: str) -> bool:
     return name == module or name.startswith(module + ".")
 
 
+@cache
 def graph(files: tuple[Source, ...]) -> dict[str, set[str]]:
     """Module -> modules among `files` that it imports when it is imported or later, itself excluded."""
     known = {source.module for source in files}

@@ -152,7 +152,9 @@ def visible_share(r, sun, count=400):
 def test_illumination_is_the_visible_share_of_the_disc():
     sun = np.array([AU, 0.0, 0.0])
     shares = []
-    for angle in np.radians(np.concatenate((np.arange(108.0, 116.0, 0.02), [0.0, 60.0, 150.0, 180.0]))):
+    penumbra = np.arange(111.5, 112.5, 0.02)  # the Earth's edge is 112.0 from its centre, the Sun 0.53 wide
+    around = [0.0, 60.0, 108.0, 110.0, 111.0, 113.0, 114.0, 116.0, 150.0, 180.0]
+    for angle in np.radians(np.sort(np.concatenate((penumbra, around)))):
         r = 6.878137e6 * np.array([np.cos(angle), np.sin(angle), 0.0])
         share = surface_forces.illumination(r, sun)
         if 0.0 < share < 1.0:
