@@ -114,6 +114,11 @@ timing: setup  ## what a tick, a kernel and a start cost here, in lockstep and i
 kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
 	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9
 
+.PHONY: fuzz
+fuzz: setup  ## ten million bytes of nonsense of each kind into the ground link (LEONAV_FUZZ_BYTES): minutes
+	@LEONAV_FUZZ_BYTES=$(or $(LEONAV_FUZZ_BYTES),10000000) $(PY) -m pytest -q -s \
+	  tests/property/test_link_garbage.py tests/property/test_link_signed_garbage.py
+
 .PHONY: tune
 # What was flown is kept: the same command goes on where it was stopped. Full campaigns: python -m ground tune --help.
 tune: setup  ## a quick tuning by both methods, minutes; prints how to fly the sets that come of it
