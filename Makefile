@@ -107,7 +107,7 @@ format: setup  ## rewrite the sources in the project's format
 	@$(PY) -m ruff format .
 
 .PHONY: timing
-timing: setup  ## what a tick, a kernel and a start cost here, in lockstep and in real time: a quarter of an hour
+timing: setup  ## what a tick, a kernel, a start and the ground link cost here, in lockstep and in real time: half an hour
 	@$(PY) -m ground timing $(QUICK)
 
 .PHONY: kill
