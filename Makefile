@@ -117,7 +117,7 @@ format: setup  ## rewrite the sources in the project's format
 	@$(PY) -m ruff format .
 
 .PHONY: timing
-timing: setup  ## what a tick, a kernel and a start cost here, in lockstep and in real time: a quarter of an hour
+timing: setup  ## what a tick, a kernel, a start and the ground link cost here, in lockstep and in real time: half an hour
 	@$(PY) -m ground timing $(QUICK)
 
 .PHONY: soak
@@ -129,6 +129,11 @@ soak: setup  ## ten million ticks with every function on and faults (TICKS=1e7):
 .PHONY: kill
 kill: setup  ## kill -9 while tables are written and activated, 200 times: a bootable pair every time
 	@LEONAV_KILLS=200 $(PY) -m pytest -q tests/unit/test_table_store.py -k kill_9
+
+.PHONY: fuzz
+fuzz: setup  ## ten million bytes of nonsense of each kind into the ground link (LEONAV_FUZZ_BYTES): minutes
+	@LEONAV_FUZZ_BYTES=$(or $(LEONAV_FUZZ_BYTES),10000000) $(PY) -m pytest -q -s \
+	  tests/property/test_link_garbage.py tests/property/test_link_signed_garbage.py
 
 .PHONY: tune
 # What was flown is kept: the same command goes on where it was stopped. Full campaigns: python -m ground tune --help.

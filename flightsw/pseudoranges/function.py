@@ -66,13 +66,13 @@ class PseudorangeFunction:
         }
         self._of = tuple(self._latches.values())
         self.conditions = self.happened = 0
+        self.judged = Judged()
         self.values = {
             int(AlertId.GNSS_EXCLUDED): lambda: float(_count(self.judged.excluded)),
             int(AlertId.GNSS_INCONSISTENT): self._ratio,
             int(AlertId.GNSS_PROTECTION): lambda: max(self.judged.protection_m),
             int(AlertId.GNSS_UNTESTED): lambda: float(_count(self.judged.used)),
         }
-        self.judged = Judged()
         self.epochs = self.offered = 0
         self._teller = Teller(services.publisher, services.link, settings.alert_limit_m)
         services.receiver.listen(GNSS_RANGES, self._raw.take_ranges)

@@ -15,7 +15,7 @@ from ground.console.panels import PAGE_NAMES, SEVERITY_STYLES, SHORT_SEVERITIES,
 from ground.console.text import metres, metres_each, percent, seconds, utc_clock
 from ground.console.told import Integrity
 from ground.console.uplink import Operator
-from ground.console.verdict import STALE_S
+from ground.console.verdict import STALE_S, certificate_words
 
 PAGES = PAGE_NAMES
 REFUSALS = (
@@ -29,17 +29,17 @@ def alarms(state: State, chosen: int, rows: int) -> Text:
     """Alarms that stand, gravest first, the chosen one marked; below them the newest events."""
     shown = standing(state.alarms)
     text = Text()
-    text.append(f"  {'SEVERITY':<9}{'RAISED':<10}{'NOW':<20}{'ACKNOWLEDGED':<22}ALARM\n", style="bold")
+    text.append(f"  {'':<6}{'RAISED':<9}{'NOW':<14}{'ACKNOWLEDGED':<20}ALARM\n", style="bold")
     if not shown:
         text.append("  no alarm stands\n", style="green")
     for i, alarm in enumerate(shown[: max(1, rows - 6)]):
         text.append("> " if i == chosen else "  ", style="bold")
-        text.append(f"{SHORT_SEVERITIES.get(alarm.severity, '?'):<9}", style=SEVERITY_STYLES.get(alarm.severity, ""))
-        text.append(f"{utc_clock(alarm.raised_s):<10}")
-        now = "ACTIVE" if alarm.ended_s is None else f"over at {utc_clock(alarm.ended_s)}"
-        text.append(f"{now:<20}", style="bold" if alarm.ended_s is None else "")
+        text.append(f"{SHORT_SEVERITIES.get(alarm.severity, '?'):<6}", style=SEVERITY_STYLES.get(alarm.severity, ""))
+        text.append(f"{utc_clock(alarm.raised_s):<9}")
+        now = "ACTIVE" if alarm.ended_s is None else f"over {utc_clock(alarm.ended_s)}"
+        text.append(f"{now:<14}", style="bold" if alarm.ended_s is None else "")
         seen = "NO: press a" if alarm.acknowledged_s is None else f"{utc_clock(alarm.acknowledged_s)} {alarm.by}"
-        text.append(f"{seen[:21]:<22}", style="bold yellow" if alarm.acknowledged_s is None else "")
+        text.append(f"{seen[:19]:<20}", style="bold yellow" if alarm.acknowledged_s is None else "")
         known = ALERTS.get(alarm.alert_id)
         text.append(f"{known.text if known else f'unknown alert {alarm.alert_id}'} (#{alarm.sequence})\n")
     left = rows - text.plain.count("\n") - 2
@@ -103,7 +103,7 @@ def _levels(state: State, told: Integrity, now_s: float) -> Text:
         text.append(
             f"{'protection' if i == 0 else '':<13}{name:<10}{metres(level_m):>9} of {metres(limit_m):<9}{share:>7}"
         )
-        text.append(f"  {_bar(level_m, limit_m)}" if judged else "  for reading: the flag looks at the other", "")
+        text.append(f"  {_bar(level_m, limit_m)}" if judged else "  not what the flag looks at", "")
         text.append((stale_mark(now_s, heard_s) if i == 0 else "") + "\n", style="bold yellow")
     if q is not None:
         text.append(f"{'':<13}radial, along, cross-track  {metres_each(q.level_rtn_m)} (for reading)\n")
@@ -154,7 +154,7 @@ def tables_page(state: State, operator: Operator | None, now_s: float, diff: Seq
         text.append("  not received\n", style="dim")
     else:
         name = t.set_name if t is not None and t.crc32 == i.table_crc32 else "name not received yet"
-        text.append(f"  {name}, CRC-32 {i.table_crc32:08x}, certificate {i.certificate}")
+        text.append(f"  {name}, CRC-32 {i.table_crc32:08x}, {certificate_words(state)}")
         text.append(stale_mark(now_s, state.integrity_s) + "\n", style="bold yellow")
     if state.link is not None and state.link.table_staged:
         text.append(f"  {_WORDS[min(state.link.table_staged, 2)]}\n", style="bold yellow")
@@ -169,8 +169,8 @@ def tables_page(state: State, operator: Operator | None, now_s: float, diff: Seq
         text.append(f"  {moving.moved:,} of {moving.total:,} bytes  {_bar(share, 1.0)}\n")
     if operator.table_read:
         text.append(f"  read back: {len(operator.table_read):,} bytes\n")
-    text.append("\n  u upload, validate and stage   r read back   d differences from a file", style="dim")
-    text.append("   o orders: activate, roll back\n", style="dim")
+    text.append("\n  u upload, validate and stage   o orders: activate, roll back\n", style="dim")
+    text.append("  r read back                    d differences from a file\n", style="dim")
     if diff:
         text.append(f"\n{diff[0]}\n", style="bold")
         room = max(1, rows - text.plain.count("\n") - 1)

@@ -50,15 +50,15 @@ The verdict is flight's own, withdrawn where another value disagrees.
 
 Uncertified table: no probability stands behind the bound.
 STALE and an age mark every value not renewed for 3 s.
-Plot: bound in dots, limit as a line; ░ coasting, ▒ failed. x: the levels of the
-GCRF axes x, y, z, and 3 of the whole error in space, each in its letter.
+Plot: bound in dots, limit as a line; ░ coasting, ▒ failed. Key x: the levels
+of the GCRF axes x, y, z, and 3 of the error in space, each in its letter.
 
-  q quit   ? this help   p pause (live: of plot and events)   x axes in the plot
-  1-9 pages, tab the next     up, down choose a line or scroll
+  q quit   ? this help   p pause (live: of plot and events)   x plot the axes
+  1-9, 0 pages, tab the next     up, down choose a line or scroll
   a acknowledge the alarm that is marked      o orders (each is confirmed)
-  l list parameters   s set the marked one
+  l list parameters   s set the marked one    n send a state
   f events by severity   / search in events
-  u upload a table   r read back   d differences from a file   n send a state
+  u upload a table   r read it back   d differences from a file
   left, right -+1 min   + - speed (replay)
 
 any key closes this help"""
@@ -108,7 +108,7 @@ def keys(page: int, commands: bool, live: bool) -> Text:
         )
         text.append(" ")
     text.append(" ? help", style="bold")
-    text.append(" a ack o orders" if commands else " q quit", style="bold")
+    text.append(" o orders" if commands else " q quit", style="bold")
     if not live:
         text.append(" ←/→", style="bold")
     return text
@@ -128,7 +128,7 @@ def verdict(judgement: Judgement) -> Text:
 def values(state: State, now_s: float) -> Text:
     """Label and value, one a line, each with its age when it is stale."""
     text = Text()
-    for i, (label, value, heard_s) in enumerate(_rows(state)):
+    for i, (label, value, heard_s) in enumerate(_rows(state, now_s)):
         text.append(("\n" if i else "") + f"{label:<{LABEL}}", style="dim")
         silent_s = age_s(now_s, heard_s)
         if heard_s is None:
@@ -142,7 +142,7 @@ def values(state: State, now_s: float) -> Text:
     return text
 
 
-def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
+def _rows(state: State, now_s: float) -> Iterator[tuple[str, str, float | None]]:
     i, heard_s = state.integrity, state.integrity_s
     if i is None:
         for label in ("mode", "bound", "x, y, z", "bound 3-D", "fix age", "flag"):
@@ -159,6 +159,12 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
     yield "time left", "" if t is None else time_left(t), state.time_to_flag_s
     if t is not None and governed(t):
         yield "governs", governed(t), state.time_to_flag_s
+    # The name comes once a minute, the CRC with every integrity: a name of another CRC is out of date.
+    named = state.table is not None and i is not None and state.table.crc32 == i.table_crc32
+    name = state.table.set_name if named and state.table else "name unknown"
+    crc = "" if i is None else f"{name[:12]} {i.table_crc32:08x}"
+    yield "table", crc, heard_s
+    yield "heartbeat", f"{seconds(age_s(now_s, state.heartbeat_s))} ago", state.heartbeat_s
     n = state.innovation
     words = "" if n is None else f"{_plain(n.nis)} of {_plain(n.gate)}, mean {_plain(n.mean_nis)}"
     if n is not None and not n.used:
@@ -171,12 +177,6 @@ def _rows(state: State) -> Iterator[tuple[str, str, float | None]]:
         yield "stored dA", f"{i.stored_da_coverage_pct} % of orbit, {_da_source(i.da_source)}", heard_s
     nav = state.nav
     yield "GPS time", "" if nav is None else gps_stamp(nav.t_gps_ns), state.nav_s
-    # The name comes once a minute, the CRC with every integrity: a name of another CRC is out of date.
-    named = state.table is not None and i is not None and state.table.crc32 == i.table_crc32
-    name = state.table.set_name if named and state.table else "name unknown"
-    crc = "" if i is None else f"{name[:12]} {i.table_crc32:08x}"
-    yield "table", crc, heard_s
-    yield "heartbeat", seconds(0.0) if state.heartbeat_s is None else "beating", state.heartbeat_s
 
 
 def _of_limit(i: Integrity) -> str:

@@ -140,7 +140,8 @@ def _weigh(i: Integrity, state_refused: bool) -> tuple[str, str, Level]:
         reason = f"flight says {Verdict(i.verdict).name}, but its mode is {mode_word(i.mode)}"
         return "DO NOT USE", reason, Level.BAD
     if state_refused:
-        return "DO NOT USE", "flight publishes its state as not valid", Level.BAD
+        why = ": outside what its certificate covers" if i.verdict == Verdict.NOT_CERTIFIED and i.certificate else ""
+        return "DO NOT USE", f"flight publishes its state as not valid{why}", Level.BAD
     if i.verdict == Verdict.NOT_CERTIFIED:
         what = _not_covered(i.uncovered) if i.certificate else "no certificate stands behind the table"
         return "NOT CERTIFIED", f"{what}: {against}, fix {seconds(i.fix_age_s)} old", Level.CAUTION

@@ -84,19 +84,20 @@ class ConsoleApp(Ordering):
     CSS = """
     Screen { layout: vertical; overflow: hidden; }
     Static { text-wrap: nowrap; text-overflow: ellipsis; }
+    #plot, #values, #events, #counters, #page { border-title-color: $text; border-subtitle-color: $text-muted; }
     #header { height: 1; padding: 0 1; background: $panel; }
-    #verdict { height: 4; padding: 0 1; border: heavy $secondary; }
+    #verdict { height: 4; padding: 0 1; border: heavy $primary; }
     #verdict.good { border: heavy $success; }
     #verdict.caution { border: heavy $warning; }
     #verdict.bad { border: heavy $error; }
     #verdict.unknown { border: dashed $error; }
     #middle { height: 1fr; min-height: 12; }
-    #plot { width: 1fr; height: 100%; border: round $secondary; padding: 0; }
-    #values { width: 39; height: 100%; border: round $secondary; padding: 0 1; }
+    #plot { width: 1fr; height: 100%; border: round $primary; padding: 0; }
+    #values { width: 39; height: 100%; border: round $primary; padding: 0 1; }
     #bottom { height: 8; }
-    #events { width: 1fr; height: 100%; border: round $secondary; padding: 0 1; }
-    #counters { width: 32; height: 100%; border: round $secondary; padding: 0 1; }
-    #page { height: 1fr; border: round $secondary; padding: 0 1; }
+    #events { width: 1fr; height: 100%; border: round $primary; padding: 0 1; }
+    #counters { width: 32; height: 100%; border: round $primary; padding: 0 1; }
+    #page { height: 1fr; border: round $primary; padding: 0 1; }
     #keys { height: 1; padding: 0 1; background: $panel; }
     """
 

@@ -86,25 +86,28 @@ def _real_time(flights: dict[str, dict[str, Any]]) -> str:
 
 
 def _link(found: dict[str, Any]) -> str:
-    period_us, link, whole, held = found["period_us"], found["link"], found["whole"], found["held"]
+    period_us, held, link = found["period_us"], found["held"], found["link_cpu"]
     lines = [
         "## The ground link\n",
         f"{link['runs']:,} ticks in lockstep after {found['warm_ticks']:,} to warm, one every {period_us / 1000:g} ms:",
         f"a UDP peer of this machine, signed both ways, default rates; {found['heard']:,} messages down,",
-        f"{found['orders_taken']:,} of {found['orders_sent']:,} orders and requests taken, {found['refused']:,} not",
-        f"({_process(found)}).\n",
+        f"{found['orders_taken']:,} of {found['orders_sent']:,} orders and requests taken, {found['refused']} refused.",
+        f"{_process(found)[0].upper()}{_process(found)[1:]}.\n",
         "| of one tick | mean | p50 | p99 | p99.9 | max |",
         "|---|---|---|---|---|---|",
     ]
     columns = ("mean_us", "p50_us", "p99_us", "p99.9_us", "max_us")
-    for name, member in (("the link's work", link), ("all work", whole)):
-        lines.append(f"| {name} [us] | " + " | ".join(f"{member[column]:,.1f}" for column in columns) + " |")
+    for name, key in (("the link's work", "link"), ("all work", "whole")):
+        for clock, member in (("processor", found[f"{key}_cpu"]), ("wall", found[key])):
+            lines.append(
+                f"| {name}, {clock} [us] | " + " | ".join(f"{member[column]:,.1f}" for column in columns) + " |"
+            )
     shares = " | ".join(f"{link[column] / period_us:.2%}" for column in columns)
     lines += [
-        f"| the link's share of the tick | {shares} |",
+        f"| the link's share of the tick, processor | {shares} |",
         "",
-        f"More than {LINK_SHARE:.0%} of the tick: {link['over_budget']:,} of {link['runs']:,} ticks.",
-        f"Of the work that is done in a tick the link's is {link['mean_us'] / whole['mean_us']:.0%}.\n",
+        f"More than {LINK_SHARE:.0%} of the tick: {link['over_budget']:,} of {link['runs']:,} ticks. "
+        f"Of the work of a tick the link's is {link['mean_us'] / found['whole_cpu']['mean_us']:.0%}.\n",
         "Held at the beginning, and after each tenth:\n",
         "| | " + " | ".join(str(part) for part in range(len(held))) + " |",
         "|---|" + "---|" * len(held),

@@ -35,6 +35,7 @@ SOCKET_ROOTS = {
     "flightsw/remote_bus.py": "bounds the waits of the bus hub's client",
     "hil_sim/demo.py": "asks for a free port of loopback for the console",
     "hil_sim/hub.py": "the bus hub, on loopback",
+    "ground/timing/link_work.py": "a ground station on loopback, for a flight whose link is timed",
     "ground/console/link.py": "the console's end of the link, on loopback unless the operator names another address",
 }
 BUS_ROOTS = {

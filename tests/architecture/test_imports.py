@@ -195,6 +195,7 @@ RULES = (
         ("ground/reports/figures.py", "from hil_sim.world import World"),
         {
             "ground/campaign/flown.py": "composes world and flight as sil.py does, through the compiled arc",
+            "ground/timing/link_work.py": "composes world, flight and ground station, as sil.py does, to time the link",
             "ground/studies/flights.py": "loads, flies and evaluates scenarios as a run does, for the studies",
         },
     ),

@@ -1,9 +1,11 @@
-"""Ten million bytes of nonsense into the link: nothing raises, nothing grows, the budget of a tick holds, and the next
-good message is understood."""
+"""Nonsense into the link: nothing raises, nothing grows, the budget of a tick holds, and the next good message is
+understood. `make fuzz` sends ten million bytes of each kind, this lane half of that (LEONAV_FUZZ_BYTES).
+"""
 
 from __future__ import annotations
 
 import itertools
+import os
 import random
 import sys
 import time
@@ -20,7 +22,7 @@ from flightsw.link.access import Access
 from flightsw.link.uplink import CHUNKS_PER_TICK, FRAMES_PER_TICK, LONGEST, Uplink
 
 ARM = common.MAV_CMD_COMPONENT_ARM_DISARM
-TOTAL = 10_000_000
+TOTAL = int(os.environ.get("LEONAV_FUZZ_BYTES", "5000000"))
 PIECE = 1400
 
 
@@ -76,8 +78,8 @@ def pieces(rng: random.Random, frames: list[bytes], total: int) -> list[bytes]:
 
 
 @pytest.mark.parametrize("stream", [False, True], ids=["datagrams", "stream"])
-def test_ten_million_bytes_of_nonsense(stream: bool) -> None:
-    """GIVEN a whole flight WHEN 1e7 random and mutated bytes come, 20 pieces a tick THEN no tick raises or looks at
+def test_a_flood_of_nonsense(stream: bool) -> None:
+    """GIVEN a whole flight WHEN TOTAL random and mutated bytes come, 20 pieces a tick THEN no tick raises or looks at
     more than its budget, what is kept between ticks stays below one frame and one piece, the flag stays armed, and a
     good order now and then is obeyed."""
     rng = random.Random(11)
@@ -86,7 +88,7 @@ def test_ten_million_bytes_of_nonsense(stream: bool) -> None:
         flight.fly(until_s=1.0)
         worst_kept = looked = total = 0
         worst_s, good = 0.0, 0
-        waiting = deque(pieces(rng, frames, TOTAL // 2))
+        waiting = deque(pieces(rng, frames, TOTAL))
         while waiting or flight.wire.up:
             if not flight.wire.up:
                 batch = [waiting.popleft() for _ in range(min(20, len(waiting)))]
@@ -104,12 +106,12 @@ def test_ten_million_bytes_of_nonsense(stream: bool) -> None:
                     flight.tick()
                 assert flight.ask(ARM, 1.0) == common.MAV_RESULT_ACCEPTED, flight.refused
         assert flight.loop.armed
-    assert good > 5
+    assert good > TOTAL // 1_000_000
     print(
         f"{total} bytes, {good} good orders obeyed among them, at most {looked} frames looked at in a tick, "
         f"{worst_s * 1e3:.1f} ms, {worst_kept} bytes kept"
     )
-    assert total >= TOTAL // 2
+    assert total >= TOTAL
     assert looked <= FRAMES_PER_TICK
     assert worst_kept <= LONGEST
 

@@ -87,7 +87,7 @@ def station(flight: Running, request: pytest.FixtureRequest) -> Iterator[Any]:
 
 def ask(link: Any, send: Callable[[], None], kind: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
     """Send until the answer is heard: datagrams may be lost, so may ours."""
-    for _ in range(10):
+    for _ in range(30):
         send()
         end = time.monotonic() + 1.0
         while time.monotonic() < end:
@@ -117,7 +117,8 @@ def test_pymavlink_finds_the_vehicle_and_loses_nothing(station: Any) -> None:
 
 
 def test_pymavlink_lists_sets_and_reads_parameters(station: Any, flight: Running) -> None:
-    """All are listed, one is set and read back, NaN is refused with the old value, another target is ignored."""
+    """All are listed, one is set and read back, NaN is refused with the old value, another target is ignored; that it
+    was is told as STATUSTEXT, at most once in ten seconds."""
     found: dict[str, float] = {}
     station.mav.param_request_list_send(1, 1)
     end = time.monotonic() + PATIENCE_S
@@ -141,6 +142,11 @@ def test_pymavlink_lists_sets_and_reads_parameters(station: Any, flight: Running
     set_to(7.0, target=9)
     read = ask(station, lambda: station.mav.param_request_read_send(1, 1, b"LNK_REPEAT_S", -1), "PARAM_VALUE", is_ours)
     assert read.param_value == 2.5
+
+    def is_refusal(message: Any) -> bool:
+        return "Commands refused" in message.text
+
+    assert ask(station, lambda: set_to(7.0, target=9), "STATUSTEXT", is_refusal).severity == m.MAV_SEVERITY_WARNING
     assert ask(station, lambda: set_to(1.0), "PARAM_VALUE", is_ours).param_value == 1.0
 
 

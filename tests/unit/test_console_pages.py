@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,7 @@ def test_every_page_is_turned_to_by_its_key_and_shows_what_it_is_for() -> None:
     async def story(app: ConsoleApp, pilot: Any, fly: Any) -> None:
         await fly(8.0)
         for key, words in (
-            ("2", ("no alarm stands", "SEVERITY")),
+            ("2", ("no alarm stands", "ACKNOWLEDGED")),
             ("3", ("mean NIS", "streak", "rejected since start")),
             ("4", ("heard by flight", "failure flag armed", "0 not authenticated")),
             ("5", ("navigation table in force", "none under way")),
@@ -122,7 +123,7 @@ def test_an_alarm_stays_until_it_is_acknowledged_and_shows_who_and_when() -> Non
         assert "ACTIVE" in screen_text(app)
         await fly(10.0)
         shown = screen_text(app)
-        assert "over at" in shown
+        assert re.search(r"over \d\d:\d\d:\d\d", shown)
         assert "NO: press a" in shown
         assert "TO ACKNOWLEDGE" in shown
         assert flight.ground.alerts.bits & 1 << AlertId.OUTAGE_START

@@ -15,11 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_console_view import ScriptedLink, drive, screen_text
 
+from flightsw.icd import mavlink
 from flightsw.icd.alerts import ALERTS, BOUND, QUANTITIES, AlertId
+from flightsw.icd.enums import Certificate, Verdict
 from ground.console.model import State, alert_text, reduce
 from ground.console.pages import filter_page
 from ground.console.plain import status_line
 from ground.console.text import metres_each
+from ground.console.verdict import judge
 from ground.console.view import ConsoleApp
 
 
@@ -47,7 +50,7 @@ def test_every_axis_stands_on_the_overview_with_the_limit_and_the_time_left() ->
             "fix age    300 s, 0 in a row",
             "time left  213 s",
             "governs    bound, 12.0 s old",
-            "heartbeat  beating",
+            "heartbeat  0.0 s ago",
         ):
             assert piece in text, f"{piece!r} is not on the screen:\n{text}"
 
@@ -92,7 +95,7 @@ def test_the_filter_page_holds_each_level_against_its_limit() -> None:
     text = filter_page(reduce(state, heard(integrity(t_gps_ns=START_GPS_NS + 100 * 10**9)), 100.0), 100.0).plain
     for piece in ("axis x", "axis y", "axis z", "in space", "radial, along, cross-track"):
         assert piece in text, text
-    assert text.count("for reading") == 2  # the flag of this table looks at the axes
+    assert text.count("not what the flag looks at") == 1  # that of this table looks at the axes
     spherical = after(integrity(driver=1), protection(START_GPS_NS, 2.0, driver=1))
     assert filter_page(spherical, 0.0).plain.count("no fix") == 1  # nothing is judged before a fix was
 
@@ -111,6 +114,15 @@ def test_what_is_plotted_of_merged_instants_is_the_worst(first: list[float], the
     assert len(state.history) == 2
     worst = [max(a, b) for a, b in zip(first, then, strict=True)]
     assert list(state.history[-1].levels_m[:3]) == pytest.approx(worst)
+
+
+def test_a_state_withheld_outside_the_envelope_says_so() -> None:
+    """GIVEN a certified table that does not cover here and now, its state not valid THEN the reason names that."""
+    told = integrity(verdict=Verdict.NOT_CERTIFIED, certificate=Certificate.FULL)
+    withheld = mavlink.MAVLink_leonav_nav_state_message(START_GPS_NS, [7e6, 0.0, 0.0], [0.0, 7e3, 0.0], 1, 4, 0)
+    judged = judge(after(told, withheld), 0.0)
+    assert judged.word == "DO NOT USE"
+    assert judged.reason == "flight publishes its state as not valid: outside what its certificate covers"
 
 
 def test_levels_of_another_instant_are_not_plotted_with_it() -> None:

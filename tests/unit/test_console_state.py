@@ -11,6 +11,7 @@ pytest.importorskip("textual")
 pytest.importorskip("textual_plotext")
 
 import numpy as np
+from harness import Flight
 from link_bench import Linked
 from test_console_opm import opm
 from test_console_pages import drive
@@ -22,7 +23,7 @@ from ground.tables.gps_time import format_gps
 SETTINGS = ("flight.table_set=flight", "time.duration_s=900", "outage=[{start_s=60.0, duration_s=600.0}]")
 
 
-def written(flight: Linked, path: Path, off_m: float) -> None:
+def written(flight: Flight, path: Path, off_m: float) -> None:
     """The state of a second ago, as an orbit parameter message."""
     t_ns = int(flight.loop.memory.output["t_gps_ns"][0]) - 10**9
     t_ns -= t_ns % 10**9
