@@ -1,9 +1,10 @@
 """The ionosphere of one frequency, for a receiver inside it: a share of Klobuchar's vertical delay, by elevation.
 
 A receiver in low orbit has part of the electrons below it, and sees what is above as a thin layer: the vertical delay
-of the ground, times the share above, times Lear's mapping (O. Montenbruck, E. Gill, "Ionospheric correction for GPS
-tracking of LEO satellites", Journal of Navigation 55 (2002) 293). The vertical delay is that of the GPS message (J. A.
-Klobuchar; IS-GPS-200, 20.3.3.5.2.5). What the model is wrong by is a share of it, and goes into the sigma of the range.
+of the ground, times the share above, times the way through the layer (O. Montenbruck, E. Gill, "Ionospheric correction
+for GPS tracking of LEO satellites", Journal of Navigation 55 (2002) 293; they put it just above the satellite, here its
+height is the table's). The vertical delay is that of the GPS message (J. A. Klobuchar; IS-GPS-200, 20.3.3.5.2.5). What
+the model is wrong by is a share of it, and goes into the sigma of the range.
 """
 
 from __future__ import annotations
@@ -15,10 +16,7 @@ from flightsw.gnss.records import CONSTELLATIONS, EPOCH, GNSS_TABLE, SATELLITES
 from flightsw.gnss.solution import LIGHT_MPS
 from flightsw.kernels.registry import frozen_records, records
 
-_SHELL_M = 300_000.0  # of the layer above the receiver
-_LEAR, _LEAR_FLAT = 2.037, 0.076
 _NIGHT_S, _PEAK_S, _DAY_S = 5e-9, 50_400.0, 86_400.0
-_LOWEST_SINE = -0.4  # a ray that comes from below -24 degrees went through the Earth
 _COUNT = 4  # coefficients of each of the two polynomials
 
 
@@ -55,14 +53,15 @@ def _correct_row(table, epoch, i, radius_m):
     length = math.sqrt(length)
     if system < 0 or system >= CONSTELLATIONS or not (length > 1.0 and math.isfinite(length)):
         return
-    sine = max(along / (length * radius_m), _LOWEST_SINE)
+    sine = max(along / (length * radius_m), 0.0)  # below the horizon the sigma has to say it
     # where the ray meets the layer: so far along it that the distance from the centre is that of the layer
-    layer_m = radius_m + _SHELL_M
-    way_m = -radius_m * sine + math.sqrt(max(radius_m * radius_m * (sine * sine - 1.0) + layer_m * layer_m, 0.0))
+    layer_m = radius_m + table["iono_layer_m"]
+    root_m = math.sqrt(radius_m * radius_m * (sine * sine - 1.0) + layer_m * layer_m)
+    way_m = root_m - radius_m * sine
     x = (epoch["start_m"][0] + way_m * (epoch["r_m"][i, 0] - epoch["start_m"][0]) / length) / layer_m
     y = (epoch["start_m"][1] + way_m * (epoch["r_m"][i, 1] - epoch["start_m"][1]) / length) / layer_m
     z = (epoch["start_m"][2] + way_m * (epoch["r_m"][i, 2] - epoch["start_m"][2]) / length) / layer_m
-    slant = _LEAR / (math.sqrt(sine * sine + _LEAR_FLAT) + sine) * table["iono_dispersion"][system]
+    slant = layer_m / root_m * table["iono_dispersion"][system]
     vertical_m = LIGHT_MPS * table["iono_share"] * _vertical_s(table, epoch["t_gps_ns"], x, y, z)
     epoch["range_m"][i] -= slant * vertical_m
     if epoch["sigma_m"][i] > 0.0:  # as it came: what is not positive is refused by its own name

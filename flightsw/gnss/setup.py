@@ -35,8 +35,8 @@ class Settings:
     isolate_odds: 2 ln of the odds against one more fault, once an epoch is inconsistent; further: how many exclusions
     beyond the fewest are weighed. ambiguity: 2 ln of the odds below which two explanations are not told apart (4.6: ten
     to one). p_satellite, p_constellation: fault priors per epoch, by constellation; p_hmi: allowed east, north, up.
-    iono_share: of Klobuchar's vertical delay that is above a receiver of one frequency; 0: no correction; iono_error,
-    iono_floor_m: its 1-sigma as a share, and besides; iono_alpha, iono_beta: Klobuchar's coefficients.
+    iono_share: of Klobuchar's vertical delay that is above a receiver of one frequency; 0: no correction; iono_layer_m:
+    how far above it the layer is; iono_error, iono_floor_m: 1-sigma of the delay as a share, and besides.
     """
 
     rule: Rule = Rule.PROBABLE
@@ -60,6 +60,7 @@ class Settings:
     ephemeris_age_max_s: float = 60.0
     signal_sigma_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     iono_share: float = 0.0
+    iono_layer_m: float = 300_000.0
     iono_error: float = 0.5
     iono_floor_m: float = 0.0
     iono_alpha: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
@@ -85,6 +86,7 @@ class Settings:
             ("ephemeris_age_max_s", not 0.0 < self.ephemeris_age_max_s <= 600.0),
             ("signal_sigma_m", len(self.signal_sigma_m) != CONSTELLATIONS or not min(self.signal_sigma_m) >= 0.0),
             ("iono_share", not 0.0 <= self.iono_share <= 1.0),
+            ("iono_layer_m", not 1e3 <= self.iono_layer_m <= 1e7),
             ("iono_error", not 0.0 <= self.iono_error <= 10.0),
             ("iono_floor_m", not 0.0 <= self.iono_floor_m < 1e3),
             ("iono_alpha", len(self.iono_alpha) != 4 or not all(abs(a) < 1e-3 for a in self.iono_alpha)),
@@ -134,6 +136,7 @@ def build_table(settings: Settings) -> np.ndarray:
         "alert_limit_m",
         "signal_sigma_m",
         "iono_share",
+        "iono_layer_m",
         "iono_error",
         "iono_floor_m",
         "iono_alpha",

@@ -22,6 +22,7 @@ GNSS = Schema(
         *group(
             "ionosphere",  # of a receiver of one frequency; Klobuchar's coefficients are those of the GPS message
             real("iono_share", "1", 0.0, 1.0, 0.0, "of the vertical delay, above the receiver; 0: two frequencies"),
+            real("iono_layer_m", "m", 1e3, 1e7, 3e5, "how far above the receiver the layer is that rays pass"),
             real("iono_error", "1", 0.0, 10.0, 0.5, "1-sigma of the model as a share of what it says"),
             real("iono_floor_m", "m", 0.0, 1e3, 0.3, "1-sigma of the vertical delay besides"),
             *(

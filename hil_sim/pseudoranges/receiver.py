@@ -32,6 +32,7 @@ class RawSeries:
     t_true_gps_ns (n,): instants measured; t_gps_ns (n,): by the receiver's clock; t_counter_ns (n,); sent (n,).
     system, number (s,). repeats (n,s): times that a row is sent; system_sent (n,s): the constellation told.
     elevation_rad (n,s). usable (n,s): the place of the satellite may be sent; healthy (n,s): as one to be used.
+    struck: satellites (s,) bool of each fault of the scenario.
     """
 
     t_true_gps_ns: np.ndarray
@@ -49,6 +50,7 @@ class RawSeries:
     usable: np.ndarray
     healthy: np.ndarray
     r_true_gcrf_m: np.ndarray
+    struck: tuple[np.ndarray, ...] = ()
 
 
 def noise(law: str, stream: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
