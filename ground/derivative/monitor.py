@@ -46,7 +46,9 @@ class Noise:
 
 
 # ground/tables/functions/velocity_check_coloured.toml
-AWARE = CheckSettings(reference=0.16, threshold=52.6, coloured_r_m=3.0, coloured_v_mps=0.005, coloured_s=300.0)
+AWARE = CheckSettings(
+    reference=0.22, threshold=21.5, clear=7.0, coloured_r_m=3.0, coloured_v_mps=0.005, coloured_s=300.0
+)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ NODES = 11
 class Orbits(Protocol):
     """Where satellites are and what their clocks say, from whatever file. floor_m: 1-sigma that they add to a range."""
 
-    floor_m: dict[str, float]
+    floor_m: ClassVar[dict[str, float]]
 
     def states(self, names: tuple[str, ...], t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (m,k,3) [m] in ITRF and clocks (m,k) [s] of satellites at GPS times t_ns (m,k); NaN: unknown."""

@@ -80,9 +80,9 @@ def test_the_default_threshold_is_that_of_45_days() -> None:
 
 
 def test_the_set_for_coloured_errors_is_the_one_studied() -> None:
-    """GIVEN the shipped set THEN its fields are those of the study, and its threshold is that of 45 days too."""
+    """GIVEN the shipped set THEN its fields are those of the study; white errors of as much would alarm oftener."""
     aware = monitor.AWARE
-    assert threshold_for(aware.reference, 45 * 86_400.0) == pytest.approx(aware.threshold, abs=0.05)
+    assert aware.threshold < threshold_for(aware.reference, 45 * 86_400.0)
     built = build_function("velocity_check", "velocity_check_coloured")
     values = decode(built).values
     for name in values.dtype.names:
