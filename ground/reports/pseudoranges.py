@@ -28,7 +28,8 @@ def pseudorange_story(found: Any) -> Iterator[str]:
         yield _fault(fault)
     if len(faults) > MAX_FAULTS_SHOWN:
         yield f"{len(faults) - MAX_FAULTS_SHOWN} more faults of satellites: see summary.json."
-    yield f"A healthy satellite was left out in {found.get('in_vain', 0):,} of {found.get('epochs', 0):,} epochs."
+    vain, epochs = found.get("in_vain", 0), found.get("epochs", 0)
+    yield f"A satellite without such a fault was left out in {vain:,} of {epochs:,} epochs."
 
 
 def _fault(fault: Mapping[str, Any]) -> str:
@@ -38,6 +39,8 @@ def _fault(fault: Mapping[str, Any]) -> str:
     after_s, epochs = fault.get("named_after_s"), fault.get("epochs", 0)
     if not epochs:
         return f"{text}; no epoch was judged meanwhile."
+    if after_s is None and fault.get("kind") == "lift":
+        return f"{text}; all ranges agree, no test of one epoch can name them: the gate has to see it."
     if after_s is None:
         return f"{text}; NEVER named exactly in {epochs} epochs."
     return f"{text}; named exactly after {after_s:.0f} s, in {fault.get('named', 0)} of {epochs} epochs."
