@@ -48,11 +48,15 @@ def test_exclusion_beats_the_raw_rule_where_it_masks() -> None:
     assert "wanted 0.95" in "\n".join(report.lines("exclusion", {"cases": list(found.values())}))
 
 
-def test_gnss_lib_py_stands_beside(capsys: pytest.CaptureFixture[str]) -> None:
-    """GIVEN an interpreter with gnss_lib_py WHEN a few cases of each kind are handed over THEN it finds single faults as
-    we do and takes ten times as long; without one of these the operator is told."""
+def test_part_peers_needs_an_interpreter(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["gnss", "study", "--parts", "peers"]) == 2
     assert "--peer-python" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_gnss_lib_py_stands_beside() -> None:
+    """GIVEN an interpreter with gnss_lib_py WHEN a few cases of each kind are handed over THEN it finds single faults
+    as we do and takes ten times as long."""
     named = os.environ.get("LEONAV_PEER_PYTHON")
     if not named:
         pytest.skip("LEONAV_PEER_PYTHON names no interpreter that has gnss_lib_py")
