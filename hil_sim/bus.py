@@ -10,7 +10,14 @@ from types import TracebackType
 import can
 import numpy as np
 
-from flightsw.icd.can_frames import CROSSLINK_STATUS, FLIGHT_HEARTBEAT, INTEGRITY, NAV_STATE
+from flightsw.icd.can_frames import (
+    CROSSLINK_STATUS,
+    FLIGHT_HEARTBEAT,
+    GNSS_CHECK,
+    GNSS_EXCLUDED,
+    INTEGRITY,
+    NAV_STATE,
+)
 from flightsw.icd.frame_layout import FrameLayout
 from hil_sim.errors import BusError
 
@@ -19,6 +26,8 @@ RECEIVE_QUEUE_FRAMES = 4096
 _NAV_ID, _NAV_LENGTH = NAV_STATE.frame_id, NAV_STATE.length
 _INTEGRITY_ID, _INTEGRITY_LENGTH = INTEGRITY.frame_id, INTEGRITY.length
 _HEARTBEAT_ID = FLIGHT_HEARTBEAT.frame_id
+_GNSS = {"gnss_check": GNSS_CHECK, "gnss_excluded": GNSS_EXCLUDED}
+_GNSS_LAYOUTS = {layout.frame_id: layout for layout in _GNSS.values()}
 
 
 class BusEnd(can.BusABC):
@@ -121,6 +130,7 @@ class Monitor:
         self._has_integrity = bytearray(n_ticks)
         self._crosslink = bytearray()  # verdicts of the inter-satellite monitor, and the rows they belong to
         self._crosslink_row: list[int] = []
+        self._gnss = {layout.frame_id: bytearray() for layout in _GNSS.values()}  # all that is said of pseudoranges
         self._beat = np.zeros(1, dtype=FLIGHT_HEARTBEAT.dtype)
         self.rows = 0
         self.received = 0
@@ -164,6 +174,10 @@ class Monitor:
                 self._crosslink += data
                 self._crosslink_row.append(row)
                 return
+        elif frame_id in self._gnss:
+            if _intact(data, _GNSS_LAYOUTS[frame_id]):
+                self._gnss[frame_id] += data
+                return
         else:
             self.other_frames += 1
             return
@@ -172,7 +186,8 @@ class Monitor:
     def records(self) -> dict[str, np.ndarray]:
         """tick (n,), nav (n,) NAV_STATE and integrity (n,) INTEGRITY records, has_nav and has_integrity (n,) bool.
 
-        crosslink (m,): CROSSLINK_STATUS records, if there are any, each of the row crosslink_row (m,).
+        crosslink (m,): CROSSLINK_STATUS records, if there are any, each of the row crosslink_row (m,). gnss_check,
+        gnss_excluded: GNSS_CHECK, GNSS_EXCLUDED records, if there are any.
         """
         n = self.rows
         records = {
@@ -185,6 +200,9 @@ class Monitor:
         if self._crosslink_row:
             records["crosslink"] = np.frombuffer(bytes(self._crosslink), dtype=CROSSLINK_STATUS.dtype)
             records["crosslink_row"] = np.array(self._crosslink_row, np.int64)
+        for name, layout in _GNSS.items():
+            if self._gnss[layout.frame_id]:
+                records[name] = np.frombuffer(bytes(self._gnss[layout.frame_id]), dtype=layout.dtype)
         return records
 
     def save(self, path: Path) -> None:

@@ -59,7 +59,10 @@ class Pseudoranges(Section, frozen=True):
         float, range_meta(0.0, 1e3, "lasting error of each satellite's orbit and clock in metres")
     ] = 0.0
     ionosphere_m: Annotated[
-        float, range_meta(0.0, 100.0, "vertical delay above the satellite, of one frequency, not corrected, in metres")
+        float, range_meta(0.0, 100.0, "vertical delay above the satellite, of one frequency, everywhere, in metres")
+    ] = 0.0
+    ionosphere_day_m: Annotated[
+        float, range_meta(0.0, 100.0, "and what is added where it is two in the afternoon, in metres")
     ] = 0.0
     clock_bias_m: Annotated[float, range_meta(-1e6, 1e6, "receiver's clock error at the start, as range")] = 1000.0
     clock_drift_mps: Annotated[float, range_meta(-1e3, 1e3, "its drift in m/s")] = 1.0

@@ -41,6 +41,7 @@ from hil_sim import crosslink_evaluation
 from hil_sim.bus import Monitor, VirtualBusPair
 from hil_sim.errors import ScenarioError
 from hil_sim.evaluation import evaluate_run
+from hil_sim.pseudoranges import evaluation as pseudorange_evaluation
 from hil_sim.scenario import LoadedScenario
 from hil_sim.world import World, earth_orientation_file, space_weather_file
 
@@ -242,6 +243,9 @@ def _summarise(
     links = crosslink_evaluation.evaluate_run(out_dir)
     if links is not None:
         summary["crosslinks"] = links
+    satellites = pseudorange_evaluation.evaluate_run(out_dir)
+    if satellites is not None:
+        summary["pseudoranges"] = satellites
     summary["verdict"] = render_verdict(summary).splitlines()
     return summary
 

@@ -16,6 +16,7 @@ import numpy as np
 from hil_sim import announcements, crosslinks, faults, frames, gps_time
 from hil_sim.bus import SEND_TIMEOUT_S
 from hil_sim.errors import BusError, ScenarioError
+from hil_sim.pseudoranges import evaluation as pseudorange_evaluation
 from hil_sim.pseudoranges import world as pseudoranges
 from hil_sim.pseudoranges.receiver import RawSeries
 from hil_sim.scenario import LoadedScenario, resolve_data_file
@@ -243,6 +244,7 @@ class World:
             "da_true_mps2": self.truth.acceleration_residual(da_t),
             "outages": self.outages_gps_ns,
             **self._burn_arrays(),
+            **pseudorange_evaluation.truth_arrays(self.scenario, self.raw),
             **crosslinks.truth_arrays(self.scenario, real_day(self.loaded)),
         }
 

@@ -3,7 +3,8 @@
 Both are taken relative to the predicted orbit, so that hundreds of seconds of positions make one straight line. A
 chain of two follows that line, from positions alone. Velocity less its slope, in sigmas, goes into a multivariate
 CUSUM, which has no preferred direction (R. B. Crosier, Technometrics 30 (1988) 291): S = (S + u)(1 - k / |S + u|), a
-fault where |S| passes the threshold. What the predicted orbit gets wrong, and what a biased velocity does to it through
+fault where |S| passes the threshold. Errors that last count with their power over long times: what a sum over many
+fixes sees of them. What the predicted orbit gets wrong, and what a biased velocity does to it through
 the filter, is in both and drops out.
 """
 
@@ -81,14 +82,17 @@ def take_fix(table, check, t_s, dr_m, dv_mps, sigma_r_m, sigma_v_mps):
     transition(2, dt_s, check["phi"])
     driven(2, dt_s, table["q_m2ps3"], check["noise"])
     armed = 1
+    # of an autoregressive process, the variance of long sums over that of one term: (1 + c) / (1 - c)
+    lasting = 1.0 / math.tanh(min(0.5 * dt_s / table["coloured_s"], 10.0))
+    slow_r_m2, slow_v_m2ps2 = lasting * table["coloured_r_m"] ** 2, lasting * table["coloured_v_mps"] ** 2
     for axis in range(AXES):
         x, p = check["x"][axis], check["P"][axis]
         predict(2, check["phi"], check["noise"], x, p, check["square"])
-        update(2, dr_m[axis], sigma_r_m[axis] ** 2, x, p, check["gain"])
+        update(2, dr_m[axis], sigma_r_m[axis] ** 2 + slow_r_m2, x, p, check["gain"])
         if p[1, 1] > table["armed_sigma_mps"] ** 2:
             armed = 0
         check["difference_mps"][axis] = dv_mps[axis] - x[1]
-        check["step"][axis] = check["difference_mps"][axis] / math.sqrt(sigma_v_mps[axis] ** 2 + p[1, 1])
+        check["step"][axis] = check["difference_mps"][axis] / math.sqrt(sigma_v_mps[axis] ** 2 + slow_v_m2ps2 + p[1, 1])
     check["armed"] = armed
     if armed == 0:
         return check["fault"]

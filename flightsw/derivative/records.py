@@ -148,6 +148,10 @@ CHECK_TABLE = np.dtype(
         ("clear", "f8"),  # below which a fault is over
         ("step_max", "f8"),  # sigmas that one fix can add: a spike is no bias
         ("gap_s", "f8"),  # longer gaps begin anew
+        # errors of the receiver that last, first-order Gauss-Markov: 1-sigma and time
+        ("coloured_r_m", "f8"),
+        ("coloured_v_mps", "f8"),
+        ("coloured_s", "f8"),
     ],
     align=True,
 )

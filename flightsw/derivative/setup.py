@@ -212,6 +212,9 @@ class CheckSettings:
     clear: float = 8.0
     step_max: float = 5.0
     gap_s: float = 60.0
+    coloured_r_m: float = 0.0
+    coloured_v_mps: float = 0.0
+    coloured_s: float = 300.0
 
 
 class Check:

@@ -71,6 +71,13 @@ GNSS_TABLE = np.dtype(
         ("earth_rate_radps", "f8"),
         ("ephemeris_age_max_s", "f8"),
         ("signal_sigma_m", "f8", (CONSTELLATIONS,)),  # of orbit and clock, added to the receiver's
+        ("iono_share", "f8"),  # of the vertical delay of the ground; 0: ranges have none
+        ("iono_layer_m", "f8"),  # above the receiver
+        ("iono_error", "f8"),  # 1-sigma of the model, as a share of what it says
+        ("iono_floor_m", "f8"),  # and besides, of the vertical
+        ("iono_alpha", "f8", (4,)),  # of Klobuchar: s, s/semicircle, ...
+        ("iono_beta", "f8", (4,)),
+        ("iono_dispersion", "f8", (CONSTELLATIONS,)),  # delay at the constellation's frequency over that at L1
         ("radius_min_m", "f8"),  # of a navigation satellite
         ("radius_max_m", "f8"),
         ("range_min_m", "f8"),

@@ -21,6 +21,9 @@ from flightsw.gnss.records import (
 )
 
 EARTH_RATE_RADPS = 7.2921151467e-5  # IS-GPS-200
+_L1_MHZ = 1575.42
+# of the civil signals on the first frequency; GLONASS in the middle of its channels
+_FIRST_MHZ = (_L1_MHZ, 1602.0, _L1_MHZ, 1561.098)
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Settings:
     isolate_odds: 2 ln of the odds against one more fault, once an epoch is inconsistent; further: how many exclusions
     beyond the fewest are weighed. ambiguity: 2 ln of the odds below which two explanations are not told apart (4.6: ten
     to one). p_satellite, p_constellation: fault priors per epoch, by constellation; p_hmi: allowed east, north, up.
+    iono_share: of Klobuchar's vertical delay that is above a receiver of one frequency; 0: no correction; iono_layer_m:
+    how far above it the layer is; iono_error, iono_floor_m: 1-sigma of the delay as a share, and besides.
     """
 
     rule: Rule = Rule.PROBABLE
@@ -54,6 +59,12 @@ class Settings:
     alert_limit_m: tuple[float, float, float] = (10.0, 10.0, 10.0)
     ephemeris_age_max_s: float = 60.0
     signal_sigma_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    iono_share: float = 0.0
+    iono_layer_m: float = 300_000.0
+    iono_error: float = 0.5
+    iono_floor_m: float = 0.0
+    iono_alpha: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    iono_beta: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the setting, for what no test can be built from."""
@@ -74,6 +85,12 @@ class Settings:
             ("bias_m", not 0.0 <= self.bias_m < 1e3),
             ("ephemeris_age_max_s", not 0.0 < self.ephemeris_age_max_s <= 600.0),
             ("signal_sigma_m", len(self.signal_sigma_m) != CONSTELLATIONS or not min(self.signal_sigma_m) >= 0.0),
+            ("iono_share", not 0.0 <= self.iono_share <= 1.0),
+            ("iono_layer_m", not 1e3 <= self.iono_layer_m <= 1e7),
+            ("iono_error", not 0.0 <= self.iono_error <= 10.0),
+            ("iono_floor_m", not 0.0 <= self.iono_floor_m < 1e3),
+            ("iono_alpha", len(self.iono_alpha) != 4 or not all(abs(a) < 1e-3 for a in self.iono_alpha)),
+            ("iono_beta", len(self.iono_beta) != 4 or not all(abs(b) < 1e9 for b in self.iono_beta)),
             ("alert_limit_m", len(self.alert_limit_m) != 3 or not all(a > 0.0 for a in self.alert_limit_m)),
         ):
             if bad:
@@ -118,8 +135,15 @@ def build_table(settings: Settings) -> np.ndarray:
         "bias_m",
         "alert_limit_m",
         "signal_sigma_m",
+        "iono_share",
+        "iono_layer_m",
+        "iono_error",
+        "iono_floor_m",
+        "iono_alpha",
+        "iono_beta",
     ):
         record[name] = getattr(settings, name)
+    record["iono_dispersion"] = [(_L1_MHZ / first_mhz) ** 2 for first_mhz in _FIRST_MHZ]
     record["threshold"] = thresholds(settings)
     # an equal share of local_alpha for each of as many satellites as an epoch usually has at most
     local = settings.local_alpha > 0.0 and settings.test != Consistency.NONE

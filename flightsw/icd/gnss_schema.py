@@ -20,6 +20,21 @@ GNSS = Schema(
             ),
         ),
         *group(
+            "ionosphere",  # of a receiver of one frequency; Klobuchar's coefficients are those of the GPS message
+            real("iono_share", "1", 0.0, 1.0, 0.0, "of the vertical delay, above the receiver; 0: two frequencies"),
+            real("iono_layer_m", "m", 1e3, 1e7, 3e5, "how far above the receiver the layer is that rays pass"),
+            real("iono_error", "1", 0.0, 10.0, 0.5, "1-sigma of the model as a share of what it says"),
+            real("iono_floor_m", "m", 0.0, 1e3, 0.3, "1-sigma of the vertical delay besides"),
+            *(
+                real(f"iono_alpha_{k}", f"s/sc^{k}", -1e-3, 1e-3, value, "amplitude of the day")
+                for k, value in enumerate((4.6566e-9, 1.4901e-8, -5.9605e-8, -1.1921e-7))
+            ),
+            *(
+                real(f"iono_beta_{k}", f"s/sc^{k}", -1e9, 1e9, value, "length of the day")
+                for k, value in enumerate((81_920.0, 98_304.0, -65_536.0, -524_290.0))
+            ),
+        ),
+        *group(
             "test",
             whole("consistency", "0 chi_square, 1 markov, 2 none", 0, 2, 0, "test of all residuals; none: a study"),
             real("alpha", "1", 1e-12, 0.5, 5e-4, "its false alarms per epoch"),

@@ -25,5 +25,8 @@ VELOCITY_CHECK = Schema(
         _real("clear", "sigma", 0.0, 1e4, 8.0, "sum below which a fault is over"),
         _real("step_max", "sigma", 1.0, 100.0, 5.0, "largest step of the sum by one fix: a spike is no bias"),
         _real("gap_s", "s", 1.0, 1e5, 60.0, "without usable fixes for longer the check begins anew"),
+        _real("coloured_r_m", "m", 0.0, 1e3, 0.0, "1-sigma of errors of positions that last"),
+        _real("coloured_v_mps", "m/s", 0.0, 1e2, 0.0, "1-sigma of errors of velocities that last"),
+        _real("coloured_s", "s", 0.1, 1e5, 300.0, "for which they do: a first-order Gauss-Markov process"),
     ),
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from flightsw.gnss.epoch import gnss_epoch
+from flightsw.gnss.ionosphere import correct_ionosphere
 from flightsw.gnss.records import CONSTELLATIONS, SATELLITES, Row, Verdict
 from flightsw.gnss.satellites import place_satellites
 from flightsw.gnss.setup import Memory
@@ -53,6 +54,7 @@ class PseudorangeFunction:
         self._raw = RawAssembly(self._rejected, float(record["latency_max_s"]))
         self._raws = [self._raw.raws[k : k + 1] for k in range(len(self._raw.raws))]
         self._protects = settings.protect
+        self._one_frequency = settings.iono_share > 0.0
         self._offer_untested = bool(record["offer_untested"])
         self._hold_beyond = bool(record["hold_beyond_limit"])
         self._floor_m = float(record["sigma_floor_m"])
@@ -94,6 +96,8 @@ class PseudorangeFunction:
         memory = self._memory
         place_satellites(memory.table, self._raws[index], self._raw.ephemerides, memory.epoch)
         self._start_from_prediction()
+        if self._one_frequency:
+            self._correct()
         gnss_epoch(*self._arguments)
         result = memory.result[0]
         verdict = int(result["verdict"])
@@ -132,6 +136,16 @@ class PseudorangeFunction:
             place = at["r_gcrf_m"]
             x, y, z = out[place : place + 3]
             epoch["start_m"] = (c * x + s * y, c * y - s * x, z)
+
+    def _correct(self) -> None:
+        """Take the ionosphere off, as seen from the prediction; without one, from a fix with the ionosphere in it."""
+        memory = self._memory
+        if not memory.epoch["start_known"][0]:
+            gnss_epoch(*self._arguments)
+            if int(memory.result["verdict"][0]) > _INCONSISTENT:
+                return
+            memory.epoch["start_known"], memory.epoch["start_m"] = 1, memory.result["r_m"]
+        correct_ionosphere(memory.table, memory.epoch)
 
     def _name_rows(self) -> tuple[tuple[int, ...], tuple[int, ...], int]:
         """Masks of the satellites used and left out, and how many rows never came to the test."""

@@ -39,4 +39,10 @@ def settings_of(record: np.void) -> Settings:
         alert_limit_m=(east_m, north_m, up_m),
         ephemeris_age_max_s=float(record["ephemeris_age_max_s"]),
         signal_sigma_m=each("signal_sigma", SYSTEMS, "_m"),
+        iono_share=float(record["iono_share"]),
+        iono_layer_m=float(record["iono_layer_m"]),
+        iono_error=float(record["iono_error"]),
+        iono_floor_m=float(record["iono_floor_m"]),
+        iono_alpha=each("iono_alpha", tuple("0123")),
+        iono_beta=each("iono_beta", tuple("0123")),
     )

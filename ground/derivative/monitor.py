@@ -18,6 +18,7 @@ from flightsw.derivative.setup import Check, CheckSettings
 from flightsw.kernels.registry import F8, I8, MATRIX, VECTOR, frozen_records, records
 from ground.campaign import executor, seeds, store
 from ground.campaign.statistics import lower_limit, upper_limit
+from ground.derivative.limit import deflection, most_found
 from ground.derivative.run_length import mean_run_length
 
 DAY_S = 86_400.0
@@ -44,6 +45,12 @@ class Noise:
     orbit_m: float = 0.7
 
 
+# ground/tables/functions/velocity_check_coloured.toml
+AWARE = CheckSettings(
+    reference=0.22, threshold=21.5, clear=7.0, coloured_r_m=3.0, coloured_v_mps=0.005, coloured_s=300.0
+)
+
+
 @dataclass(frozen=True)
 class Flown:
     """One campaign; picklable."""
@@ -52,6 +59,7 @@ class Flown:
     settings: CheckSettings = field(default_factory=CheckSettings)
     white: Noise = field(default_factory=Noise)
     coloured: Noise = field(default_factory=lambda: Noise(coloured_r_m=3.0, coloured_v_mps=0.005))
+    aware: CheckSettings = field(default_factory=lambda: AWARE)  # a table that knows of the coloured errors
     days: float = DAYS
 
 
@@ -160,11 +168,16 @@ def fly_run(flight: Flown, run: int) -> dict[str, np.ndarray]:
         [delay(flight.settings, flight.white, rng, bias * _direction(kind, rng)) for bias in BIASES_MPS]
         for kind in DIRECTIONS
     ]
-    return {
+    answer = {
         "alarms": np.array(alarms(flight.settings, flight.white, rng, flight.days)),
         "coloured": np.array(alarms(flight.settings, flight.coloured, rng, flight.days) if coloured else -1),
         "delays": np.array(delays),
+        "aware": np.array(alarms(flight.aware, flight.coloured, rng, flight.days) if coloured else -1),
     }
+    answer["aware_delays"] = np.array(
+        [delay(flight.aware, flight.coloured, rng, bias * _direction("one axis", rng)) for bias in BIASES_MPS]
+    )
+    return answer
 
 
 def work(flight: Flown, first: int, last: int) -> store.Arrays:
@@ -189,7 +202,7 @@ def monitor_part(
     }
     store.open_folder(folder, what)
     figures = executor.complete(folder, flight, runs, advance, work=work, **how)
-    coloured = figures["coloured"][figures["coloured"] >= 0]
+    coloured, aware = (figures[name][figures[name] >= 0] for name in ("coloured", "aware"))
     document: dict[str, Any] = {
         "runs": runs,
         "settings": asdict(flight.settings),
@@ -201,6 +214,15 @@ def monitor_part(
         "alarms": {
             "white errors": _rate(int(figures["alarms"].sum()), runs * flight.days),
             "coloured errors": _rate(int(coloured.sum()), len(coloured) * flight.days),
+            "coloured errors, a table that knows them": _rate(int(aware.sum()), len(aware) * flight.days),
+        },
+        "limits": {
+            name: most_found(
+                deflection(0.05, noise.sigma_v_mps, noise.coloured_v_mps, noise.coloured_s, round(WANTED_S)),
+                WANTED_S,
+                DAYS * DAY_S,
+            )
+            for name, noise in (("white errors", flight.white), ("coloured errors", flight.coloured))
         },
         "delays": {},
     }
@@ -208,6 +230,9 @@ def monitor_part(
         document["delays"][kind] = [
             _delays(figures["delays"][:, row, column], bias) for column, bias in enumerate(BIASES_MPS)
         ]
+    document["delays"]["one axis, coloured errors, a table that knows them"] = [
+        _delays(figures["aware_delays"][:, column], bias) for column, bias in enumerate(BIASES_MPS)
+    ]
     return document
 
 

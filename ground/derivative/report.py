@@ -68,6 +68,11 @@ def _monitor(found: dict[str, Any]) -> list[str]:
             f"  false alarms, {name}: {one['count']} in {one['days']:.0f} days: {one['per_30_days']:.3f} in 30 days, "
             f"95 % limits {one['lower']:.3f} to {one['upper']:.3f}"
         )
+    for name, (known, unknown) in found["limits"].items():
+        answer.append(
+            f"  0.05 m/s on one axis within 120 s, at most by any test at one alarm in 30 days, {name}: "
+            f"{100 * known:.1f} % (direction known), {100 * unknown:.1f} % (not known)"
+        )
     for name, rows in found["delays"].items():
         for row in rows:
             if abs(row["bias_mps"] - 0.05) < 1e-9:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from flightsw.gnss.records import SATELLITES, Verdict
 from flightsw.gnss.setup import Settings
 from ground.errors import OperatorError
-from ground.gnss.ephemeris import Precise
+from ground.gnss.ephemeris import Orbits, Precise
 from ground.gnss.files import Ready, prepare
 from ground.gnss.rinex import Observed
 from ground.gnss.scene import excluded, judge, of_epochs
@@ -30,7 +31,7 @@ class Checked:
     observed: Observed
 
 
-def check(observed: Observed, orbits: Precise, settings: Settings) -> Checked:
+def check(observed: Observed, orbits: Orbits, settings: Settings) -> Checked:
     """Two passes: a first fix without delays, whose median says where the delays are to be computed."""
     place = observed.place_m
     if place is None:
@@ -128,11 +129,15 @@ def inject(checked: Checked, settings: Settings, seed: int, trials: int) -> list
     return found
 
 
-def load(path: Path, sp3: Path) -> tuple[Observed, Precise]:
-    """The files of a check. Raises OperatorError naming the file."""
+def load(path: Path, sp3: Path | None, nav: Sequence[Path] = ()) -> tuple[Observed, Orbits]:
+    """The files of a check: precise orbits, or broadcast ones. Raises OperatorError naming the file."""
+    from ground.gnss.broadcast import Broadcast
     from ground.gnss.rinex import read_observed
 
-    for file in (path, sp3):
+    if (sp3 is None) == (not nav):
+        raise OperatorError("name either precise orbits with --sp3 or broadcast ones with --nav")
+    for file in (path, *([] if sp3 is None else [sp3]), *nav):
         if not file.is_file():
             raise OperatorError(f"{file}: there is no such file")
-    return read_observed(path), Precise(sp3)
+    orbits: Orbits = Broadcast(nav) if sp3 is None else Precise(sp3)
+    return read_observed(path), orbits

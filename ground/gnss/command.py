@@ -48,7 +48,10 @@ def add_arguments(subparsers: Any) -> None:
     study.add_argument("--no-figures", action="store_true", help="draw nothing")
     check = words.add_parser("check", help="test the pseudoranges of a RINEX observation file")
     check.add_argument("file", type=Path, metavar="FILE", help="observations, RINEX 2 or 3, also .gz and Hatanaka")
-    check.add_argument("--sp3", type=Path, required=True, metavar="FILE", help="precise orbits of the day")
+    check.add_argument("--sp3", type=Path, metavar="FILE", help="precise orbits of the day")
+    check.add_argument(
+        "--nav", type=Path, nargs="+", default=[], metavar="FILE", help="or broadcast ones, RINEX 2 or 3"
+    )
     check.add_argument(
         "--offset-enu",
         type=float,
@@ -131,7 +134,7 @@ def _check(args: argparse.Namespace) -> int:
     from flightsw.gnss.setup import Settings
     from ground.gnss import check, report
 
-    observed, orbits = check.load(args.file, args.sp3)
+    observed, orbits = check.load(args.file, args.sp3, args.nav)
     settings = Settings(protect=True)
     checked = check.check(observed, orbits, settings)
     reference = None
@@ -139,7 +142,8 @@ def _check(args: argparse.Namespace) -> int:
         axes = checked.result["axes"][np.flatnonzero(np.isfinite(checked.result["axes"][:, 0, 0]))[0]]
         east, north, up = args.offset_enu
         reference = observed.place_m + axes.T @ np.array([east, north, up + observed.height_m])
-    document = {"file": args.file.name, "sp3": args.sp3.name, **check.describe(checked, reference)}
+    orbits_of = [path.name for path in (*([args.sp3] if args.sp3 else []), *args.nav)]
+    document = {"file": args.file.name, "orbits": orbits_of, **check.describe(checked, reference)}
     if args.faults:
         document["injected"] = check.inject(checked, settings, args.seed, args.faults)
     _write(args.out, "check.json", document)

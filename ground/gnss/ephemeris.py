@@ -7,6 +7,7 @@ one.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -18,8 +19,24 @@ LIGHT_MPS = 299_792_458.0
 NODES = 11
 
 
+class Orbits(Protocol):
+    """Where satellites are and what their clocks say, from whatever file. floor_m: 1-sigma that they add to a range."""
+
+    floor_m: ClassVar[dict[str, float]]
+
+    def states(self, names: tuple[str, ...], t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (m,k,3) [m] in ITRF and clocks (m,k) [s] of satellites at GPS times t_ns (m,k); NaN: unknown."""
+        ...
+
+
 class Precise:
     """Orbits and clocks of an SP3 file."""
+
+    floor_m: ClassVar[dict[str, float]] = {
+        "G": 0.7,
+        "R": 1.1,
+        "E": 0.5,
+    }
 
     def __init__(self, path: Path) -> None:
         """Read a file. Raises OperatorError where it is none, or not on one grid."""

@@ -14,13 +14,12 @@ import numpy as np
 
 from flightsw.gnss.records import EPOCH, SATELLITES
 from ground.errors import OperatorError
-from ground.gnss.ephemeris import LIGHT_MPS, Precise
+from ground.gnss.ephemeris import LIGHT_MPS, Orbits
 from ground.gnss.rinex import LETTERS, Observed
 
 MASK_DEG = 10.0
-# 1-sigma of an ionosphere-free code range at the zenith and what orbits, clocks and antennas add [m]
+# 1-sigma of an ionosphere-free code range at the zenith [m]
 CODE_M = {"G": 0.55, "R": 1.1, "E": 0.35}
-FLOOR_M = {"G": 0.7, "R": 1.1, "E": 0.5}
 _NEAR_EARTH_M = 9_000.0  # above this height there is no troposphere
 
 
@@ -31,7 +30,7 @@ class Ready(NamedTuple):
     name: np.ndarray
 
 
-def prepare(observed: Observed, orbits: Precise, place_m: np.ndarray) -> Ready:
+def prepare(observed: Observed, orbits: Orbits, place_m: np.ndarray) -> Ready:
     """Epochs with all that is known; place_m (m,3) or (3,): where the receiver is, to some 100 m, for the delays."""
     range_m = observed.range_m
     there = np.isfinite(range_m)
@@ -48,7 +47,7 @@ def prepare(observed: Observed, orbits: Precise, place_m: np.ndarray) -> Ready:
     corrected = range_m + LIGHT_MPS * clock - troposphere_m(height[:, None], sine)
     letters = [name[0] for name in observed.names]
     code = np.array([CODE_M[letter] for letter in letters])
-    floor = np.array([FLOOR_M[letter] for letter in letters])
+    floor = np.array([orbits.floor_m[letter] for letter in letters])
     sigma = np.hypot(floor, code / np.maximum(sine, 0.1))
     order = np.argsort(~usable, axis=1, kind="stable")[:, :SATELLITES]
     rows = np.arange(len(stamp))[:, None]

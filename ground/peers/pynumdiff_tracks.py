@@ -8,6 +8,7 @@ Parameters are those with the least of the larger leg's RMS error of velocity, o
 import itertools
 import sys
 import warnings
+from typing import Any
 
 
 def main() -> int:
@@ -32,7 +33,7 @@ def main() -> int:
     def savgol(z, degree, window_size, smoothing_win):
         return savgoldiff(z, step_s, degree=degree, window_size=window_size, smoothing_win=smoothing_win)[1]
 
-    grids = {
+    grids: dict[str, tuple[Any, dict[str, Any]]] = {
         "rts": (rts, {"order": (2, 3), "log_qr_ratio": [float(k) for k in range(-12, 0)]}),
         "savgol": (
             savgol,
@@ -43,13 +44,14 @@ def main() -> int:
             },
         ),
     }
-    answer = {"version": version("pynumdiff")}
+    answer: dict[str, Any] = {"version": version("pynumdiff")}
     for name, (method, grid) in grids.items():
-        best, least = {}, np.inf
+        best: dict[str, Any] = {}
+        least = np.inf
         for values in itertools.product(*grid.values()):
             words = dict(zip(grid, values, strict=True))
-            error = method(asked["tune_m"], **words) - truth
-            worse = max(float(np.sqrt(np.mean(error[leg] ** 2))) for leg in counted)
+            off = method(asked["tune_m"], **words) - truth
+            worse = max(float(np.sqrt(np.mean(off[leg] ** 2))) for leg in counted)
             if worse < least:
                 best, least = words, worse
         tracks = [method(z, **best) for z in asked["z_m"]]

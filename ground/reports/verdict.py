@@ -16,6 +16,7 @@ from textwrap import wrap
 from typing import Any
 
 from ground.reports.crosslinks import crosslink_story
+from ground.reports.pseudoranges import fix_words, pseudorange_story
 
 WIDTH = 100
 MAX_OUTAGES_SHOWN = 3
@@ -95,10 +96,8 @@ def _story(summary: Mapping[str, Any]) -> Iterator[str]:
     integrated = summary.get("integrated") or {}
     fix_m, own_m = _number(integrated, "fix_rms_m"), _number(integrated, "position_rms_m")
     ratio = f", {fix_m / own_m:.1f} times better than the fix" if fix_m and own_m else ""
-    yield (
-        f"Flew {_duration(simulated_s)}. With GNSS the position was good to {_metres(own_m)} rms "
-        f"(fixes: {_metres(fix_m)}){ratio}."
-    )
+    fixes = fix_words(summary.get("pseudoranges")) or f"fixes: {_metres(fix_m)}"
+    yield f"Flew {_duration(simulated_s)}. With GNSS the position was good to {_metres(own_m)} rms ({fixes}){ratio}."
     outages = _outages(summary)
     if not outages:
         yield "GNSS was never lost."
@@ -106,6 +105,7 @@ def _story(summary: Mapping[str, Any]) -> Iterator[str]:
         yield _outage_story(outage, f"Outage {i}: " if len(outages) > 1 else "", simulated_s)
     if len(outages) > MAX_OUTAGES_SHOWN:
         yield f"{len(outages) - MAX_OUTAGES_SHOWN} more outages: see summary.json."
+    yield from pseudorange_story(summary.get("pseudoranges"))
     yield from crosslink_story(summary.get("crosslinks"))
 
 
@@ -146,13 +146,22 @@ def _table(summary: Mapping[str, Any]) -> list[str]:
             f"{_metres(_number(integrated, 'position_max_m'))}, velocity rms "
             f"{_speed(_number(integrated, 'velocity_rms_mps'))}",
         ),
-        ("fix error", f"rms {_metres(_number(integrated, 'fix_rms_m'))}"),
+        _fixes_row(summary, integrated),
     ]
     outages = _outages(summary)
     for i, outage in enumerate(outages[:MAX_OUTAGES_SHOWN], 1):
         suffix = f" ({i})" if len(outages) > 1 else ""
         rows += [(name + suffix, value) for name, value in _outage_rows(outage, brief=len(outages) > 1)]
     return [line for name, value in rows for line in _hanging(f"  {name:<{LABEL}}", value)]
+
+
+def _fixes_row(summary: Mapping[str, Any], integrated: Mapping[str, Any]) -> tuple[str, str]:
+    """Their error where the world has made them; where flight has, which epochs they come from."""
+    found = summary.get("pseudoranges")
+    if not isinstance(found, Mapping):
+        return "fix error", f"rms {_metres(_number(integrated, 'fix_rms_m'))}"
+    verdicts = found.get("verdicts") or {}
+    return "epochs", ", ".join(f"{count:,}{NO_BREAK}{name}" for name, count in verdicts.items()) or "none"
 
 
 def _outage_rows(outage: Mapping[str, Any], brief: bool) -> Iterator[tuple[str, str]]:

@@ -30,7 +30,7 @@ def struck(fault: SatelliteFault, series: RawSeries, t_start_gps_ns: int) -> np.
 def corrupt(faults: tuple[SatelliteFault, ...], series: RawSeries, t_start_gps_ns: int) -> None:
     """Apply the faults in the order of the scenario, in place."""
     # chosen before any of them has changed what is seen
-    hits = [struck(fault, series, t_start_gps_ns) for fault in faults]
+    hits = series.struck = tuple(struck(fault, series, t_start_gps_ns) for fault in faults)
     for fault, satellites in zip(faults, hits, strict=True):
         start = t_start_gps_ns + round(fault.start_s * NS)
         t = series.t_true_gps_ns

@@ -10,6 +10,7 @@ import numpy as np
 from hil_sim.gnss.precise_ephemeris import LIGHT_MPS
 from hil_sim.gps_time import NS
 from hil_sim.pseudorange_schema import Pseudoranges
+from hil_sim.pseudoranges import ionosphere
 from hil_sim.pseudoranges.sky import Sky
 from hil_sim.scenario_schema import Gnss, Outage
 from hil_sim.sensors.attitude import Pointing
@@ -19,7 +20,6 @@ from hil_sim.truth.interface import Truth
 
 EARTH_RADIUS_M = 6_378_137.0
 LIMB_M = 50_000.0  # a ray that passes lower is bent and weak
-SHELL_M = 350_000.0  # above the receiver: half of the electrons are below, for the slant of a ray
 _SPIKE_SHARE, _SPIKE_SIZE = 0.01, 10.0
 _BLOCK = 4096  # epochs at a time
 _AFTER_START_NS = NS  # the receiver's clock may be milliseconds off: its epochs must lie in the run
@@ -32,6 +32,7 @@ class RawSeries:
     t_true_gps_ns (n,): instants measured; t_gps_ns (n,): by the receiver's clock; t_counter_ns (n,); sent (n,).
     system, number (s,). repeats (n,s): times that a row is sent; system_sent (n,s): the constellation told.
     elevation_rad (n,s). usable (n,s): the place of the satellite may be sent; healthy (n,s): as one to be used.
+    struck: satellites (s,) bool of each fault of the scenario.
     """
 
     t_true_gps_ns: np.ndarray
@@ -49,6 +50,7 @@ class RawSeries:
     usable: np.ndarray
     healthy: np.ndarray
     r_true_gcrf_m: np.ndarray
+    struck: tuple[np.ndarray, ...] = ()
 
 
 def noise(law: str, stream: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
@@ -89,10 +91,13 @@ def measure(
     antenna = r_gcrf_m
     if any(gnss.antenna_offset_m):
         antenna = r_gcrf_m + pointing.lever(truth, t_true, np.array(gnss.antenna_offset_m))[0]
-    range_m, elevation = np.empty((n, s)), np.empty((n, s))
+    range_m, elevation, delay_m = np.empty((n, s)), np.empty((n, s)), np.zeros((n, s))
+    layer = (settings.ionosphere_m, settings.ionosphere_day_m)
     for first in range(0, n, _BLOCK):
         part = slice(first, first + _BLOCK)
-        range_m[part], elevation[part] = _geometry(sky, t_true[part], antenna[part])
+        range_m[part], elevation[part], ray = _geometry(sky, t_true[part], antenna[part])
+        if any(layer):
+            delay_m[part] = ionosphere.delay_m(*layer, sky.system, t_true[part], antenna[part], ray, elevation[part])
     radius = np.linalg.norm(antenna, axis=1)[:, None]
     past_limb = (elevation > 0.0) | (radius * np.cos(elevation) > EARTH_RADIUS_M + LIMB_M)
     seen = (elevation >= math.radians(settings.mask_deg)) & past_limb & np.isfinite(range_m)
@@ -103,7 +108,7 @@ def measure(
     range_m += clock_m[:, None] - sky_clock_m + np.array(settings.inter_system_bias_m)[sky.system]
     range_m += settings.sigma_m * noise(settings.law, stream, (n, s))
     range_m += settings.signal_sigma_m * stream.standard_normal(s)
-    range_m += settings.ionosphere_m * _slant(elevation, radius)
+    range_m += np.nan_to_num(delay_m)
     claimed_m = settings.sigma_m if settings.claimed_sigma_m is None else settings.claimed_sigma_m
     return RawSeries(
         t_true_gps_ns=t_true,
@@ -130,8 +135,8 @@ def _receiver_clock_m(settings: Pseudoranges, age_ns: np.ndarray, stream: np.ran
     return settings.clock_bias_m + settings.clock_drift_mps * age_ns / 1e9 + np.cumsum(steps)
 
 
-def _geometry(sky: Sky, t_true: np.ndarray, antenna_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,s) [m] that the light went, and elevations (n,s) [rad] above the local horizontal."""
+def _geometry(sky: Sky, t_true: np.ndarray, antenna_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances (n,s) [m] that the light went, elevations (n,s) [rad] above the local horizontal, rays (n,s,3)."""
     emitted = np.repeat(t_true[:, None], len(sky.number), axis=1)
     for _ in range(3):  # light time: each round is 1e5 times nearer
         line = sky.r_gcrf_m(emitted) - antenna_m[:, None, :]
@@ -140,10 +145,4 @@ def _geometry(sky: Sky, t_true: np.ndarray, antenna_m: np.ndarray) -> tuple[np.n
         emitted = t_true[:, None] - np.rint(flight_ns).astype(np.int64)
     up = antenna_m / np.linalg.norm(antenna_m, axis=1)[:, None]
     sine = np.einsum("nsk,nk->ns", line, up) / distance
-    return distance, np.arcsin(np.clip(sine, -1.0, 1.0))
-
-
-def _slant(elevation: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Way through a thin shell above the receiver, by that upwards (obliquity of Klobuchar's model)."""
-    sine = radius / (radius + SHELL_M) * np.cos(np.maximum(elevation, 0.0))
-    return 1.0 / np.sqrt(1.0 - sine * sine)
+    return distance, np.arcsin(np.clip(sine, -1.0, 1.0)), line / distance[..., None]

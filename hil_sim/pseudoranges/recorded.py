@@ -38,7 +38,7 @@ def measure(
 ) -> RawSeries:
     """All recorded epochs of the run. Raises DataError where there is none.
 
-    elevation_rad only says whether the receiver had the satellite: pi/2 or -pi/2.
+    elevation_rad: -pi/2 where the receiver had no such satellite, pi/2 where either place is not known.
     """
     observed = read_observations(observations)
     ranges = single_point.corrected_ranges(observed, PreciseEphemeris(orbits, antennas))
@@ -60,6 +60,9 @@ def measure(
     at = (observed.epoch, observed.prn - 1)
     range_m, sigma_m, seen = np.zeros(shape), np.ones(shape), np.zeros(shape, bool)
     range_m[at], sigma_m[at], seen[at] = pseudorange, sigma, np.isfinite(pseudorange)
+    height = np.where(seen, _ABOVE, _BELOW)
+    rise = _elevation(ranges.satellite_m, np.where(fixes.good[:, None], fixes.r_itrf_m, np.nan)[observed.epoch])
+    height[at] = np.where(seen[at] & np.isfinite(rise), rise, height[at])
     t_true, t, seen = t_true[inside], observed.t_ns[inside], seen[inside]
     n = len(t)
     system = np.zeros(SATELLITES, np.int64)
@@ -71,7 +74,7 @@ def measure(
         seen=seen,
         range_m=range_m[inside],
         sigma_m=sigma_m[inside],
-        elevation_rad=np.where(seen, _ABOVE, _BELOW),
+        elevation_rad=height[inside],
         system=system,
         number=np.arange(1, SATELLITES + 1),
         repeats=np.ones((n, SATELLITES), np.int64),
@@ -80,3 +83,10 @@ def measure(
         healthy=np.ones((n, SATELLITES), bool),
         r_true_gcrf_m=truth.state_gcrf(t_true)[0],
     )
+
+
+def _elevation(satellite_m: np.ndarray, receiver_m: np.ndarray) -> np.ndarray:
+    """Elevations (n,) [rad] above the local horizontal, of places (n,3) from places (n,3); NaN where one is none."""
+    line = satellite_m - receiver_m
+    length = np.linalg.norm(line, axis=1) * np.linalg.norm(receiver_m, axis=1)
+    return np.asarray(np.arcsin(np.clip(np.einsum("na,na->n", line, receiver_m) / length, -1.0, 1.0)))

@@ -11,7 +11,7 @@ import pytest
 from gnss_bench import checks, satellites
 from harness import Flight, load
 
-from flightsw.icd.enums import GnssVerdict, Mode
+from flightsw.icd.enums import FlagState, GnssVerdict, Mode
 from hil_sim.gnss import single_point
 from hil_sim.gnss.precise_ephemeris import PreciseEphemeris
 from hil_sim.gnss.recording import solve_recording
@@ -28,6 +28,7 @@ FOLDER = "leo_grace"
 OBSERVATIONS = "GRCB2080_00h-12h.10o.gz"
 ORBITS = tuple(f"COD1594{day}.EPH.sp3.gz" for day in (1, 2, 3))
 ANTENNA_M = (0.0, 0.0, -0.4)
+LIFT = 'satellite_fault=[{kind="lift", start_s=900.0, duration_s=300.0, value=0.5}]'
 FAULT = 'satellite_fault=[{kind="step", constellation="gps", count=1, start_s=900.0, duration_s=300.0, value=25.0}]'
 
 
@@ -142,6 +143,27 @@ def test_a_fault_on_real_ranges_is_named_and_does_no_harm(folder: Path) -> None:
     assert len(there) >= 10
     assert sum(f"G{struck + 1}" in out[k] for k in there) >= 0.9 * len(there)
     assert np.percentile(faulty.error_m, 95) <= np.percentile(clean.error_m, 95) + 0.5
+
+
+def test_a_spoofer_on_real_ranges_meets_the_flag(folder: Path) -> None:
+    """GIVEN ranges that agree on a place that rises by 0.5 m/s THEN the flag is up within 150 s of the onset,
+    and no state without the flag errs by more than its bound or 3 m, though the test sees nothing.
+    """
+    flight = fly(LIFT).flight
+    raw = flight.world.raw
+    assert raw is not None
+    seen = raw.seen & (raw.elevation_rad < 1.5)
+    assert seen.sum() > 0.9 * raw.seen.sum()
+    assert raw.elevation_rad[seen].min() < 0.5
+    error, bound = flight.error_m(), flight.flown["bound_m"]
+    clear = (flight.flown["flag"] == FlagState.CLEAR) & (flight.seconds > 600.0)
+    assert (error[clear] <= np.minimum(bound[clear], 3.0)).all()
+    up = flight.seconds[(flight.flown["flag"] != FlagState.CLEAR) & (flight.seconds > 900.0)]
+    assert 900.0 < up[0] <= 1050.0
+    age_s = (checks(flight)["t_gps_ns"] - flight.world.t_start_gps_ns) / 1e9
+    told = [satellites(flight)[k] for k in np.flatnonzero((age_s > 900.0) & (age_s < 1200.0))]
+    assert len(told) >= 25
+    assert sum(bool(names) for names in told) <= 0.3 * len(told)
 
 
 def test_gps_of_precise_orbits_is_a_sky_like_any(folder: Path) -> None:

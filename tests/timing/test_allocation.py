@@ -41,8 +41,10 @@ SETTINGS = {
     "pseudoranges with faults": (
         'satellite_fault=[{kind="step", constellation="gps", count=2, start_s=900.0, duration_s=300.0, value=30.0}]',
     ),
+    "pseudoranges of one frequency": ("outage=[]", "satellite_fault=[]"),
 }
-SCENARIOS = {"pseudoranges with faults": "gnss_faults"}  # the others: two_orbits
+# the others: two_orbits
+SCENARIOS = {"pseudoranges with faults": "gnss_faults", "pseudoranges of one frequency": "single_frequency"}
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -10,9 +10,12 @@ import pytest
 
 from flightsw.derivative.check import check_fix
 from flightsw.derivative.setup import Check, CheckSettings
+from flightsw.icd.table_file import decode
 from flightsw.icd.velocity_check_schema import VELOCITY_CHECK
 from ground.derivative import figures, monitor, report
+from ground.derivative.limit import deflection, most_found
 from ground.derivative.run_length import mean_run_length, threshold_for
+from ground.tables.function_sets import build_function
 
 TEN, TENTH = np.full(3, 10.0), np.full(3, 0.1)
 # derivative known at once and exactly: positions without noise, of a still object
@@ -74,6 +77,53 @@ def test_the_default_threshold_is_that_of_45_days() -> None:
         assert getattr(settings, field.name) == field.default
     with pytest.raises(ValueError, match="no threshold"):
         threshold_for(0.01, 1e12)
+
+
+def test_the_set_for_coloured_errors_is_the_one_studied() -> None:
+    """GIVEN the shipped set THEN its fields are those of the study; white errors of as much would alarm oftener."""
+    aware = monitor.AWARE
+    assert aware.threshold < threshold_for(aware.reference, 45 * 86_400.0)
+    built = build_function("velocity_check", "velocity_check_coloured")
+    values = decode(built).values
+    for name in values.dtype.names:
+        assert values[name][0] == getattr(aware, name), name
+
+
+def test_errors_that_last_weigh_as_in_a_long_sum() -> None:
+    """GIVEN a Gauss-Markov error of 10 s drawn 4000 times WHEN summed over 400 s THEN the check's variance of a step
+    is that of the sum over its length, within four standard errors and the end effect."""
+    rng, tau_s, n = np.random.default_rng(2), 10.0, 400
+    keep = math.exp(-1.0 / tau_s)
+    slow, total = rng.standard_normal(4000), np.zeros(4000)
+    for _ in range(n):
+        slow = keep * slow + math.sqrt(1.0 - keep * keep) * rng.standard_normal(4000)
+        total += slow
+    settings = CheckSettings(q_m2ps3=1e-14, start_sigma_mps=1e-3, coloured_v_mps=0.2, coloured_s=tau_s)
+    check = Check(settings)
+    fixes(check, np.full((2, 3), 0.1))
+    plain = Check(SHARP)
+    fixes(plain, np.full((2, 3), 0.1))
+    ratio = (plain.state[0]["step"][0] / check.state[0]["step"][0]) ** 2  # (0.1^2 + slow) / 0.1^2
+    assert ratio - 1.0 == pytest.approx(4.0 * total.var() / n, rel=4.0 * math.sqrt(2.0 / 4000) + 2.0 * tau_s / n)
+
+
+def test_what_no_test_can_find() -> None:
+    """GIVEN 0.05 m/s in 120 fixes of 0.1 m/s THEN the limits are those of a simulated Neyman-Pearson test at the same
+    share of alarms, and knowing the direction helps."""
+    sigmas = deflection(0.05, 0.1, 0.0, 300.0, 120)
+    assert sigmas == pytest.approx(0.5 * math.sqrt(120.0), rel=1e-12)
+    assert 4.5 < deflection(0.05, 0.1, 0.005, 300.0, 120) < sigmas
+    known, unknown = most_found(sigmas, 120.0, 30 * 86_400.0)
+    assert known == pytest.approx(0.9416, abs=5e-4)  # Phi(5.4772 - 3.9093), tables of the normal distribution
+    share = 120.0 / (30 * 86_400.0)
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal((400_000, 3))
+    length = np.linalg.norm(x + np.array([sigmas, 0.0, 0.0]), axis=1)
+    r = np.linspace(3.0, 7.0, 4001)
+    tail = [math.erfc(a / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * a * math.exp(-a * a / 2.0) for a in r]
+    limit = r[int(np.argmin(np.abs(np.array(tail) - share)))]
+    assert unknown == pytest.approx(float((length > limit).mean()), abs=3e-3)
+    assert unknown < known < 0.95
 
 
 def test_a_spike_is_no_bias_and_a_bias_is_found_and_over() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,11 @@ import pytest
 
 from ground.__main__ import main
 from ground.errors import OperatorError
-from ground.gnss import report, study
+from ground.gnss import peers, report, study
 from ground.gnss.command import fly
 from ground.gnss.ephemeris import NODES, Precise
 from ground.gnss.files import troposphere_m
-from ground.gnss.scene import LAWS, noise
+from ground.gnss.scene import LAWS, judge, noise
 
 pytestmark = pytest.mark.compiled
 
@@ -45,6 +46,39 @@ def test_exclusion_beats_the_raw_rule_where_it_masks() -> None:
     assert found[5.0, 5, 7.0]["flight"]["rate"] > found[5.0, 5, 7.0]["raw"]["rate"] + 0.25
     assert found[20.0, 3, 50.0]["flight"]["rate"] > found[20.0, 3, 50.0]["raw"]["rate"] + 0.05
     assert "wanted 0.95" in "\n".join(report.lines("exclusion", {"cases": list(found.values())}))
+
+
+def test_part_peers_needs_an_interpreter(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gnss", "study", "--parts", "peers"]) == 2
+    assert "--peer-python" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_gnss_lib_py_stands_beside() -> None:
+    """GIVEN an interpreter with gnss_lib_py WHEN a few cases of each kind are handed over THEN it finds single faults
+    as we do and takes ten times as long."""
+    named = os.environ.get("LEONAV_PEER_PYTHON")
+    if not named:
+        pytest.skip("LEONAV_PEER_PYTHON names no interpreter that has gnss_lib_py")
+    found = peers.peers_part(3, 12, Path(named))
+    assert len(found["cases"]) == len(study.CASES)
+    single = found["cases"][1]
+    assert single["faults"] == 1
+    assert single["gnss_lib_py"]["rate"] >= 0.8
+    assert single["flight"]["rate"] >= 0.8
+    assert all(case["gnss_lib_py_us"] > 10.0 * case["flight_us"] for case in found["cases"])
+    assert "gnss_lib_py" in "\n".join(report.lines("peers", found))
+
+
+def test_one_clock_is_the_same_satellites() -> None:
+    """GIVEN a case whose clocks agree THEN with one clock it is consistent too, and has two unknowns less."""
+    batch = peers._case(3, 11, 0, 40)
+    batch.epochs["range_m"] = batch.exact_m
+    alone = peers._one_clock(batch)
+    three, one = judge(batch, study.RULES["flight"]), judge(alone, study.RULES["flight"])
+    assert (one["statistic"] < 1e-6).all()
+    assert (one["dof"] - three["dof"] == 2).all()
+    assert np.abs(one["r_m"] - batch.truth_m).max() < 1e-3
 
 
 def test_protection_levels_hold_in_a_few_epochs() -> None:

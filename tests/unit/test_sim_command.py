@@ -23,6 +23,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "crosslink_ramp",
             "demo",
             "gnss_faults",
+            "graceb_faults",
             "graceb_gaps",
             "graceb_pseudoranges",
             "graceb_real",
@@ -31,7 +32,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "nominal",
             "paper_outage",
         ),
-        *("sentinel3a_outage", "two_orbits", "unannounced_burn", "velocity_bias"),
+        *("sentinel3a_outage", "single_frequency", "two_orbits", "unannounced_burn", "velocity_bias"),
     ]
 
 

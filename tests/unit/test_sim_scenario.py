@@ -8,10 +8,10 @@ from hil_sim import scenario
 from hil_sim.errors import DataError, ScenarioError
 
 SHIPPED = (
-    *("burn_in_outage", "crosslink_glonass", "crosslink_jump", "crosslink_ramp", "demo", "gnss_faults", "graceb_gaps"),
-    *("graceb_pseudoranges", "graceb_real", "gracefo_outage", "j2_outage"),
+    *("burn_in_outage", "crosslink_glonass", "crosslink_jump", "crosslink_ramp", "demo", "gnss_faults"),
+    *("graceb_faults", "graceb_gaps", "graceb_pseudoranges", "graceb_real", "gracefo_outage", "j2_outage"),
     *("nominal", "paper_outage"),
-    *("sentinel3a_outage", "two_orbits", "unannounced_burn", "velocity_bias"),
+    *("sentinel3a_outage", "single_frequency", "two_orbits", "unannounced_burn", "velocity_bias"),
 )
 
 

@@ -103,6 +103,19 @@ def propagate(record: Record, t_gps_ns: int) -> np.ndarray:
     return state
 
 
+def carried(state: np.ndarray, pull: np.ndarray, left_s: np.ndarray) -> np.ndarray:
+    """States (6,m), each so long left_s (m,) after records with state (6,m) and pull (3,m); as many steps for all."""
+    steps = max(1, int(np.ceil(np.abs(left_s).max(initial=0.0) / _STEP_S)))
+    h = left_s / steps
+    for _ in range(steps):
+        k1 = _rate(state, pull)
+        k2 = _rate(state + 0.5 * h * k1, pull)
+        k3 = _rate(state + 0.5 * h * k2, pull)
+        k4 = _rate(state + h * k3, pull)
+        state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return state
+
+
 def clock_m(record: Record, t_gps_ns: int) -> float:
     """Satellite clock minus system time, as range [m]."""
     return LIGHT_MPS * (record.bias_s + record.gamma * (t_gps_ns - record.t_gps_ns) / 1e9)
