@@ -39,7 +39,6 @@ SOCKET_ROOTS = {
 }
 BUS_ROOTS = {
     "flightsw/onboard.py": "the bus the operator named",
-    "hil_sim/bus.py": "the virtual bus of a lockstep run, made for sil.py",
     "hil_sim/live.py": "the bus of a world in real time, that the operator named",
 }
 PRINTING_FLIGHT = {
