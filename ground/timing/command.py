@@ -10,7 +10,7 @@ from typing import Any
 
 from ground.errors import OperatorError
 
-PARTS = ("kernels", "ticks", "start", "realtime")
+PARTS = ("kernels", "lanes", "ticks", "instructions", "start", "realtime")
 USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
@@ -78,13 +78,32 @@ def _kernels(args: argparse.Namespace) -> list[dict[str, Any]]:
     return [way._asdict() for way in nine_states.compare(rounds=3 if args.quick else 15)]
 
 
+def _lanes(args: argparse.Namespace) -> list[dict[str, Any]]:
+    from ground.timing import lanes
+
+    _tell("lanes: the ensemble of (17) and its means")
+    return [way._asdict() for way in lanes.compare(rounds=10 if args.quick else 100)]
+
+
+def _instructions(args: argparse.Namespace) -> dict[str, Any]:
+    from ground.timing import instructions
+
+    if (why := instructions.missing()) is not None:
+        _tell(f"instructions: {why}")
+        return {"missing": why}
+    counted = dict(list(instructions.SCENARIOS.items())[: 1 if args.quick else None])
+    return {
+        name: instructions.count(*what, lambda text: _tell(f"instructions: {text}")) for name, what in counted.items()
+    }
+
+
 def _ticks(args: argparse.Namespace) -> dict[str, Any]:
     from ground.timing import flights
 
     found = {}
     for number, (name, (scenario, settings)) in enumerate(flights.LOCKSTEP.items()):
         _tell(f"ticks: {scenario} in lockstep")
-        shorter = (f"time.duration_s={QUICK_S}", "outage=[]") if args.quick else ()
+        shorter = (f"time.duration_s={QUICK_S}", *flights.NOTHING_WRONG) if args.quick else ()
         found[name] = flights.lockstep(scenario, (*settings, *shorter), args.out / f"lockstep_{number}")
     return found
 
@@ -115,7 +134,14 @@ def _real_time(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-_MEASURES = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time}
+_MEASURES = {
+    "kernels": _kernels,
+    "lanes": _lanes,
+    "ticks": _ticks,
+    "instructions": _instructions,
+    "start": _start,
+    "realtime": _real_time,
+}
 
 
 def _tell(text: str) -> None:
