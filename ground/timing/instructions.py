@@ -1,8 +1,9 @@
 """Instructions of a tick, counted by valgrind: a figure that neither the neighbours nor the frequency change.
 
-Two flights of the same scenario, one longer by some ticks, each under callgrind; the difference by these ticks is what
-one of them costs. Start, compiling and tables fall out. valgrind knows no AVX-512: kernels are compiled for a
-processor without it, so that the count is comparable with itself only.
+Two runs of the same scenario, one longer by some ticks, are flown as ever and then replayed, each under callgrind; the
+difference by these ticks is what one of them costs: bus, codec, step, telemetry, logs, and the reading of the journal,
+without the world. Start and tables fall out. valgrind knows no AVX-512: kernels are compiled for a processor
+without it, so that the count is comparable with itself only.
 """
 
 from __future__ import annotations
@@ -24,10 +25,15 @@ SHORT_S, LONG_S = 20.0, 60.0  # of a scenario
 CPU = "x86-64-v3"  # AVX2: the most that valgrind executes
 _TOTAL = re.compile(r"Collected\s*:\s*(\d+)")
 _TICKS_PER_S = 10
+_PYTHON = (sys.executable, "-m")
 SCENARIOS = {
     "the flight filter": ("nominal", ("outage=[]",)),
     "every function": ("soak", ("crosslink.period_s=1.0", *NOTHING_WRONG)),
 }
+
+
+def _lasting(seconds: float) -> list[str]:
+    return ["--set", f"time.duration_s={seconds}"]
 
 
 def missing() -> str | None:
@@ -42,14 +48,12 @@ def count(scenario: str, settings: tuple[str, ...], tell: Callable[[str], None])
     words = [word for setting in settings for word in ("--set", setting)]
     counted = []
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "callgrind.out"
-        command = [sys.executable, "-m", "hil_sim", "run", scenario, *words, "--out", str(Path(folder) / "run")]
-        tell(f"{scenario}: compiling kernels for {CPU}")
-        _run([*command, "--set", f"time.duration_s={SHORT_S}"], environment)
         for seconds in (SHORT_S, LONG_S):
-            tell(f"{scenario}: {seconds:.0f} s under valgrind, minutes")
-            valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}"]
-            said = _run([*valgrind, *command, "--set", f"time.duration_s={seconds}"], environment)
+            run = Path(folder) / f"{seconds:.0f}"
+            tell(f"{scenario}: {seconds:.0f} s flown with kernels for {CPU}, then replayed under valgrind, minutes")
+            _run([*_PYTHON, "hil_sim", "run", scenario, *words, *_lasting(seconds), "--out", str(run)], environment)
+            valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/callgrind.out"]
+            said = _run([*valgrind, *_PYTHON, "flightsw", "replay", str(run)], environment)
             total = _TOTAL.search(said)
             if total is None:
                 raise OperatorError("valgrind has counted nothing")

@@ -64,11 +64,11 @@ def _lanes(ways: list[dict[str, Any]]) -> str:
 
 
 def _instructions(found: dict[str, Any]) -> str:
-    lines = ["## Instructions of a tick in lockstep\n"]
+    lines = ["## Instructions of a tick\n"]
     if "missing" in found:
         return "\n".join([*lines, f"Not counted: {found['missing']}.\n"])
     lines += [
-        "World, bus and logs included, counted by valgrind as the difference of a longer and a shorter flight, with",
+        "Of replays, bus and logs included, counted by valgrind as the difference of a longer and a shorter one, with",
         "kernels compiled for AVX2, the most it knows. Neighbours and frequency are not in it.\n",
         "| | instructions a tick | ticks |",
         "|---|---|---|",
