@@ -28,6 +28,7 @@ def render(found: dict[str, Any]) -> str:
         "kernels": _kernels,
         "lanes": _lanes,
         "ticks": _ticks,
+        "soak": _soak,
         "instructions": _instructions,
         "start": _start,
         "realtime": _real_time,
@@ -88,6 +89,31 @@ def _ticks(flights: dict[str, dict[str, Any]]) -> str:
             "",
         ]
     return "\n".join(lines)
+
+
+def _soak(found: dict[str, Any]) -> str:
+    first, last = found["first"], found["last"]
+    passes = "/".join(str(b - a) for a, b in zip(first["collected"], last["collected"], strict=True))
+    failures = found.get("failures") or []
+    again = found.get("beginning_again")
+    lines = [
+        "## A long flight\n",
+        f"`make soak`, scenario {found['scenario']}: {found['ticks']:,} ticks in {found['flown_laps']:,} laps, "
+        f"{found['simulated_s'] / found['flown_s']:,.0f} times real time, {found['slips']} slips, "
+        f"{found['alerts']:,} alerts. {('FAILED: ' + '; '.join(failures)) if failures else 'Nothing failed'}.\n",
+        f"After the first lap, in {last['ticks'] - first['ticks']:,} ticks: {found['grown']:+,} blocks of memory by "
+        f"what flew, {(last['rss_bytes'] - first['rss_bytes']) / 2**20:+.1f} MiB resident, collector passes {passes} "
+        f"by generation, {last['dropped']} entries dropped.",
+        f"Digest of all telemetry: {found['digest']}."
+        + (
+            f" The first {again['ticks']:,} ticks flown again: {'the same' if again['same'] else 'OTHER'}."
+            if again
+            else ""
+        )
+        + "\n",
+        *_members(found["members"]),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _start(found: dict[str, float]) -> str:
