@@ -5,12 +5,14 @@ Marks are written into arrays made before the first tick: an account that grows 
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import hashlib
 import os
 import resource
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,8 @@ import numpy as np
 from flightsw.main_loop import MainLoop
 
 SPARE_BLOCKS = 64  # of memory that flying may leave behind in a whole soak, its first lap left out
-SPARE_BYTES = 16 << 20  # of the resident set, whose pages the allocator gives back when it likes
+SPARE_BYTES = 16 << 20  # of the resident set
+_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 20  # malloc.h
 _DIGEST_BYTES = 32
 _MARK = np.dtype(
     [
@@ -115,6 +118,7 @@ class Account:
         sys.stderr.flush()
 
     def _resident(self) -> int:
+        _give_back()
         try:
             with open("/proc/self/statm", encoding="ascii") as statm:
                 return int(statm.read().split()[1]) * self._page
@@ -248,6 +252,21 @@ def render(found: dict[str, Any]) -> str:
                     f"| {passes_text} | {lap['violations']} | {lap['digest'][:16]} |"
                 )
     return "\n".join(lines) + "\n"
+
+
+def keep_large_blocks_apart() -> None:
+    """Laps come and go by tens of megabytes: let the allocator map each by itself, so that its pages go with it.
+
+    Left alone it takes them from the heap once it has freed one, and the holes between them look like growth.
+    """
+    with suppress(OSError, AttributeError):  # not glibc
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+
+
+def _give_back() -> None:
+    """Return the allocator's free pages: what is resident then is what is held."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _collected() -> list[int]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from flightsw.kernels.registry import F8, I8, MATRIX, VECTOR, types
 from ground.tuning.lanes_step import LANES, SIZE, STATES, move, transit_euler, update
-from ground.tuning.wide import SOURCES, entry, wide
+from ground.tuning.wide import SOURCES, entry, scratch, wide
 
 _BLOCKS = types.Array(types.float64, 3, "C")
 
@@ -78,7 +78,7 @@ def fly(
 
     def share(first: int) -> None:
         part = slice(first, first + each)
-        work = np.zeros((4, SIZE))
+        work = scratch(4, SIZE)
         _fly(x0[part], p0[part], pole, field.mu_m3ps2, j2_m2, dt_s, row, epochs, work, x_out[part], p_out[part])
 
     starts = range(0, len(x0), each)

@@ -17,7 +17,7 @@ import numpy as np
 
 from flightsw.kernels.registry import I8, MATRIX, TIMES, VECTOR, types
 from ground.tuning.lanes_step import LANES, SIZE, STATES, transit_euler, transit_runge_kutta, update
-from ground.tuning.wide import SOURCES, entry, wide
+from ground.tuning.wide import SOURCES, entry, scratch, wide
 
 PARAMETERS = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "s_r_m", "s_v_mps")
 _YY, _ZZ = (STATES + 1) * LANES, (2 * STATES + 2) * LANES  # of the position's variances
@@ -162,7 +162,7 @@ def _call(
     found, broken = np.full((3, len(last)), np.nan), np.zeros(len(last), np.int64)
     found[1] = 0.0
     settings = np.array([outages.dt_s, float(outages.runge_kutta), outages.k_axis, margin, limit_m])
-    work = np.zeros((3, SIZE))
+    work = scratch(3, SIZE)
     row = np.ascontiguousarray(row, float)
     p0, gradient, error = outages.p0, outages.gradient_ps2, outages.error_m
     holds = _carry(p0, gradient, error, last, row, settings, allowed, work, bound, found, broken)

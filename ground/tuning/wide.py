@@ -15,6 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flightsw.kernels import registry  # before numba: it names the cache folder
 
 import numba  # isort: skip
@@ -22,6 +24,7 @@ from numba.core import types  # isort: skip
 from numba.core.extending import lower_builtin, type_callable  # isort: skip
 
 OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"contract"}, "error_model": "numpy"}
+_LINE_BYTES = 64
 _FILES = ("wide.py", "lanes_step.py", "recursion.py", "ensemble.py")
 SOURCES = int(
     hashlib.sha256(b"".join(Path(__file__).with_name(name).read_bytes() for name in _FILES)).hexdigest()[:15], 16
@@ -52,3 +55,10 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 entry = registry.entry
+
+
+def scratch(rows: int, size: int) -> np.ndarray:
+    """Zeros (rows, size) that begin a line of the cache: a wide vector across two lines costs twice."""
+    room = np.zeros(rows * size + _LINE_BYTES // 8)
+    first = -room.ctypes.data % _LINE_BYTES // 8
+    return room[first : first + rows * size].reshape(rows, size)

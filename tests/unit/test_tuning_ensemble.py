@@ -10,7 +10,7 @@ from flightsw.nav import filter
 from flightsw.records import TABLE, WORK
 from ground.tables.build import build_navigation
 from ground.tuning import ensemble
-from ground.tuning.wide import OPTIONS
+from ground.tuning.wide import OPTIONS, scratch
 
 ROW = np.array([1.0, 0.01, 1e-6, 12.0, 0.15])
 TURN = 0.3
@@ -82,3 +82,14 @@ def test_no_liberty_but_contraction_is_taken() -> None:
     assert np.isfinite(p[0]).all()
     assert np.isnan(x[1, 0])
     assert np.isnan(p[1, :6, :6]).any()
+
+
+def test_scratch_begins_a_line_of_the_cache() -> None:
+    """GIVEN scratch of any size, other memory taken in between THEN it begins at a multiple of 64 bytes, all zeros."""
+    kept = []
+    for size in (16, 1296, 1296, 48):
+        kept += [np.zeros(3), scratch(3, size)]
+        assert kept[-1].ctypes.data % 64 == 0
+        assert kept[-1].shape == (3, size)
+        assert kept[-1].flags.c_contiguous
+        assert not kept[-1].any()
