@@ -12,6 +12,7 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -60,6 +61,7 @@ class Account:
         self._own_passes, self._unreachable = 0, 0
         self._began_s = time.perf_counter()
         self._collected = _collected()
+        self._trim = _trimming()
         self._page = os.sysconf("SC_PAGE_SIZE")
         self._bar = sys.stderr.isatty()
 
@@ -118,7 +120,7 @@ class Account:
         sys.stderr.flush()
 
     def _resident(self) -> int:
-        _give_back()
+        self._trim(0)
         try:
             with open("/proc/self/statm", encoding="ascii") as statm:
                 return int(statm.read().split()[1]) * self._page
@@ -263,10 +265,14 @@ def keep_large_blocks_apart() -> None:
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
-def _give_back() -> None:
-    """Return the allocator's free pages: what is resident then is what is held."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
+def _trimming() -> Callable[[int], int]:
+    """glibc's malloc_trim, which returns free pages: what is resident then is what is held. Looked up once: to look it
+    up leaves cycles behind."""
+    try:
+        found: Callable[[int], int] = ctypes.CDLL(None).malloc_trim
+    except (OSError, AttributeError):  # not glibc
+        return lambda kept: kept
+    return found
 
 
 def _collected() -> list[int]:
