@@ -41,7 +41,7 @@ class BusEnd(can.BusABC):
         self._waiting: deque[can.Message] = deque()
         self._ends = ends
         self._limit = limit
-        super().__init__(channel=None)
+        super().__init__(channel="lockstep")
         ends.append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:

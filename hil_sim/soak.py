@@ -153,6 +153,7 @@ def run(loaded: LoadedScenario, out_dir: Path, ticks: int, expected: Path | None
     Raises SimulationError where scenario or tables do not allow it.
     """
     reference = _read(expected)
+    soak_report.keep_large_blocks_apart()
     sil.prepare_folder(out_dir)
     (out_dir / RESULT).unlink(missing_ok=True)
     try:

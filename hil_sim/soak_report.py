@@ -5,12 +5,15 @@ Marks are written into arrays made before the first tick: an account that grows 
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import hashlib
 import os
 import resource
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,8 @@ import numpy as np
 from flightsw.main_loop import MainLoop
 
 SPARE_BLOCKS = 64  # of memory that flying may leave behind in a whole soak, its first lap left out
-SPARE_BYTES = 16 << 20  # of the resident set, whose pages the allocator gives back when it likes
+SPARE_BYTES = 16 << 20  # of the resident set
+_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 20  # malloc.h
 _DIGEST_BYTES = 32
 _MARK = np.dtype(
     [
@@ -57,6 +61,7 @@ class Account:
         self._own_passes, self._unreachable = 0, 0
         self._began_s = time.perf_counter()
         self._collected = _collected()
+        self._trim = _trimming()
         self._page = os.sysconf("SC_PAGE_SIZE")
         self._bar = sys.stderr.isatty()
 
@@ -115,6 +120,7 @@ class Account:
         sys.stderr.flush()
 
     def _resident(self) -> int:
+        self._trim(0)
         try:
             with open("/proc/self/statm", encoding="ascii") as statm:
                 return int(statm.read().split()[1]) * self._page
@@ -248,6 +254,25 @@ def render(found: dict[str, Any]) -> str:
                     f"| {passes_text} | {lap['violations']} | {lap['digest'][:16]} |"
                 )
     return "\n".join(lines) + "\n"
+
+
+def keep_large_blocks_apart() -> None:
+    """Laps come and go by tens of megabytes: let the allocator map each by itself, so that its pages go with it.
+
+    Left alone it takes them from the heap once it has freed one, and the holes between them look like growth.
+    """
+    with suppress(OSError, AttributeError):  # not glibc
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+
+
+def _trimming() -> Callable[[int], int]:
+    """glibc's malloc_trim, which returns free pages: what is resident then is what is held. Looked up once: to look it
+    up leaves cycles behind."""
+    try:
+        found: Callable[[int], int] = ctypes.CDLL(None).malloc_trim
+    except (OSError, AttributeError):  # not glibc
+        return lambda kept: kept
+    return found
 
 
 def _collected() -> list[int]:

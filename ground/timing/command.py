@@ -10,7 +10,7 @@ from typing import Any
 
 from ground.errors import OperatorError
 
-PARTS = ("kernels", "ticks", "start", "realtime", "link")
+PARTS = ("kernels", "lanes", "ticks", "instructions", "start", "realtime", "link")
 USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
@@ -20,9 +20,10 @@ HELP = "measure what a tick, a kernel and a start cost on this machine"
 def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `timing` to the dispatcher."""
     parser = subparsers.add_parser("timing", help=HELP, description=HELP)
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--parts", nargs="*", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--quick", action="store_true", help="short flights, whether all works")
     parser.add_argument("--out", type=Path, default=USUAL_OUT, metavar="DIR", help=f"folder (default {USUAL_OUT})")
+    parser.add_argument("--soak", type=Path, metavar="FILE", help="tell of this soak, too: soak.json of `hil_sim soak`")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here, too")
     parser.add_argument("--doc", type=Path, metavar="FILE", help="write the report here, too, as docs/timing.md is")
 
@@ -36,6 +37,8 @@ def run(args: argparse.Namespace) -> int:
         args.out.mkdir(parents=True, exist_ok=True)
         for part in args.parts:
             found[part] = _MEASURES[part](args)
+        if args.soak is not None:
+            found["soak"] = _soak(args.soak)
         text = report.render(found)
         (args.out / "timing.md").write_text(text, encoding="utf-8")
         (args.out / "timing.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
@@ -47,6 +50,28 @@ def run(args: argparse.Namespace) -> int:
         raise OperatorError(f"{error.filename}: cannot be written ({error.strerror})") from error
     print(text)
     return 0
+
+
+def _soak(path: Path) -> dict[str, Any]:
+    """What is told of a soak: its account without the digests, marks of the first lap and the last."""
+    try:
+        account = json.loads(path.read_text(encoding="utf-8"))
+        laps = account.pop("laps")
+        return {
+            **account,
+            "flown_laps": len(laps),
+            "first": laps[0],
+            "last": laps[-1],
+            "grown": _sum(laps[1:], "grown"),
+        }
+    except OSError as error:
+        raise OperatorError(f"--soak {path}: cannot be read ({error.strerror})") from error
+    except (ValueError, KeyError, IndexError) as error:
+        raise OperatorError(f"--soak {path}: not the account of a soak ({error!r})") from None
+
+
+def _sum(laps: list[dict[str, Any]], name: str) -> int:
+    return sum(lap[name] for lap in laps)
 
 
 def _machine() -> dict[str, Any]:
@@ -78,13 +103,32 @@ def _kernels(args: argparse.Namespace) -> list[dict[str, Any]]:
     return [way._asdict() for way in nine_states.compare(rounds=3 if args.quick else 15)]
 
 
+def _lanes(args: argparse.Namespace) -> list[dict[str, Any]]:
+    from ground.timing import lanes
+
+    _tell("lanes: the ensemble of (17) and its means")
+    return [way._asdict() for way in lanes.compare(rounds=10 if args.quick else 100)]
+
+
+def _instructions(args: argparse.Namespace) -> dict[str, Any]:
+    from ground.timing import instructions
+
+    if (why := instructions.missing()) is not None:
+        _tell(f"instructions: {why}")
+        return {"missing": why}
+    counted = dict(list(instructions.SCENARIOS.items())[: 1 if args.quick else None])
+    return {
+        name: instructions.count(*what, lambda text: _tell(f"instructions: {text}")) for name, what in counted.items()
+    }
+
+
 def _ticks(args: argparse.Namespace) -> dict[str, Any]:
     from ground.timing import flights
 
     found = {}
     for number, (name, (scenario, settings)) in enumerate(flights.LOCKSTEP.items()):
         _tell(f"ticks: {scenario} in lockstep")
-        shorter = (f"time.duration_s={QUICK_S}", "outage=[]") if args.quick else ()
+        shorter = (f"time.duration_s={QUICK_S}", *flights.NOTHING_WRONG) if args.quick else ()
         found[name] = flights.lockstep(scenario, (*settings, *shorter), args.out / f"lockstep_{number}")
     return found
 
@@ -134,7 +178,15 @@ def _link(args: argparse.Namespace) -> dict[str, Any]:
         return link_work.fly(ticks, Path(folder), lambda flown: progress.update(task, completed=flown))
 
 
-_MEASURES = {"kernels": _kernels, "ticks": _ticks, "start": _start, "realtime": _real_time, "link": _link}
+_MEASURES = {
+    "kernels": _kernels,
+    "lanes": _lanes,
+    "ticks": _ticks,
+    "instructions": _instructions,
+    "start": _start,
+    "realtime": _real_time,
+    "link": _link,
+}
 
 
 def _tell(text: str) -> None:

@@ -18,7 +18,9 @@ from ground.errors import OperatorError
 LOCKSTEP = {  # name -> scenario and settings
     "the paper's filter": ("two_orbits", ()),
     "the flight filter": ("nominal", ()),
+    "every function": ("soak", ("crosslink.period_s=1.0",)),
 }
+NOTHING_WRONG = ("outage=[]", "fault=[]", "satellite_fault=[]", "crosslink_fault=[]")  # of a scenario cut short
 REAL_TIME = {
     "10 Hz": (100_000_000, 600.0),
     "100 Hz": (10_000_000, 60.0),

@@ -27,7 +27,10 @@ def render(found: dict[str, Any]) -> str:
     ]
     makers: dict[str, Callable[[Any], str]] = {
         "kernels": _kernels,
+        "lanes": _lanes,
         "ticks": _ticks,
+        "soak": _soak,
+        "instructions": _instructions,
         "start": _start,
         "realtime": _real_time,
         "link": _link,
@@ -50,6 +53,33 @@ def _kernels(ways: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _lanes(ways: list[dict[str, Any]]) -> str:
+    one = ways[-1]["arcs_per_s"]
+    lines = [
+        "## The ensemble of (17) in lanes\n",
+        "Arcs of 2000 s a second: the mean by Euler with J2, a covariance with six pseudo-measurements, each",
+        "second. The best of some rounds, ways in turn; the first so short that no neighbour is in all of them.\n",
+        "| | arcs a second | to flight's |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {way['name']} | {way['arcs_per_s']:,.0f} | {way['arcs_per_s'] / one:.1f} |" for way in ways]
+    return "\n".join(lines) + "\n"
+
+
+def _instructions(found: dict[str, Any]) -> str:
+    lines = ["## Instructions of a tick\n"]
+    if "missing" in found:
+        return "\n".join([*lines, f"Not counted: {found['missing']}.\n"])
+    lines += [
+        "Of replays, bus and logs included, counted by valgrind as the difference of a longer and a shorter one, with",
+        "kernels compiled for AVX2, the most it knows. Neighbours and frequency are not in it.\n",
+        "| | instructions a tick | ticks |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {name} | {one['instructions']:,.0f} | {one['ticks']:,} |" for name, one in found.items()]
+    return "\n".join(lines) + "\n"
+
+
 def _ticks(flights: dict[str, dict[str, Any]]) -> str:
     lines = ["## A tick in lockstep\n", "World, virtual bus, codec, step, telemetry and logs in one process.\n"]
     for name, timing in flights.items():
@@ -61,6 +91,31 @@ def _ticks(flights: dict[str, dict[str, Any]]) -> str:
             "",
         ]
     return "\n".join(lines)
+
+
+def _soak(found: dict[str, Any]) -> str:
+    first, last = found["first"], found["last"]
+    passes = "/".join(str(b - a) for a, b in zip(first["collected"], last["collected"], strict=True))
+    failures = found.get("failures") or []
+    again = found.get("beginning_again")
+    lines = [
+        "## A long flight\n",
+        f"`make soak`, scenario {found['scenario']}: {found['ticks']:,} ticks in {found['flown_laps']:,} laps, "
+        f"{found['simulated_s'] / found['flown_s']:,.0f} times real time, {found['slips']} slips, "
+        f"{found['alerts']:,} alerts. {('FAILED: ' + '; '.join(failures)) if failures else 'Nothing failed'}.\n",
+        f"After the first lap, in {last['ticks'] - first['ticks']:,} ticks: {found['grown']:+,} blocks of memory by "
+        f"what flew, {(last['rss_bytes'] - first['rss_bytes']) / 2**20:+.1f} MiB resident, collector passes {passes} "
+        f"by generation, {last['dropped']} entries dropped.",
+        f"Digest of all telemetry: {found['digest']}."
+        + (
+            f" The first {again['ticks']:,} ticks flown again: {'the same' if again['same'] else 'OTHER'}."
+            if again
+            else ""
+        )
+        + "\n",
+        *_members(found["members"]),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _start(found: dict[str, float]) -> str:

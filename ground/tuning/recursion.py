@@ -15,72 +15,81 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flightsw.kernels.registry import I8, MATRIX, TIMES, VECTOR, entry, types
+from flightsw.kernels.registry import I8, MATRIX, TIMES, VECTOR, types
 from ground.tuning.lanes_step import LANES, SIZE, STATES, transit_euler, transit_runge_kutta, update
+from ground.tuning.wide import SOURCES, entry, scratch, wide
 
 PARAMETERS = ("q_r_m2", "q_v_m2ps2", "q_a_m2ps4", "s_r_m", "s_v_mps")
 _YY, _ZZ = (STATES + 1) * LANES, (2 * STATES + 2) * LANES  # of the position's variances
 _BLOCKS = types.Array(types.float64, 3, "C")
 
 
-@entry(_BLOCKS, _BLOCKS, MATRIX, TIMES, VECTOR, VECTOR, I8, MATRIX, MATRIX, MATRIX, TIMES)
-def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_m, found, broken):
-    """See `carry`. True if every outage stayed within what is allowed; else the rest is not computed.
+def _declare(sources):
+    @entry(_BLOCKS, _BLOCKS, MATRIX, TIMES, VECTOR, VECTOR, I8, MATRIX, MATRIX, MATRIX, TIMES)
+    def _carry(p0, gradient_ps2, error_m, last, row, settings, allowed, work, bound_m, found, broken):
+        """See `carry`. True if every outage stayed within what is allowed; else the rest is not computed.
 
-    settings: dt [s], 1 for Runge-Kutta, k_axis, margin, limit [m]. work (3, SIZE): scratch.
-    found (3, L): bound at the last epoch, largest error / bound, epoch at which the bound crosses the limit.
-    """
-    dt_s, second_order, k_axis, margin, limit_m = settings[0], settings[1] > 0.0, settings[2], settings[3], settings[4]
-    r_m2, v_m2ps2 = row[3] * row[3], row[4] * row[4]
-    lanes, trace = p0.shape[0], bound_m.shape[0] > 0
-    p, m = work[0], work[1]
-    g, before = work[2, : 6 * LANES], work[2, 6 * LANES : 7 * LANES]
-    bound, ratios = work[2, 7 * LANES : 8 * LANES], work[2, 8 * LANES : 9 * LANES]
-    g[:] = 0.0
-    for first in range(0, lanes, LANES):
-        here = min(LANES, lanes - first)
-        longest = 0
-        for k in range(LANES):
-            source = first + min(k, here - 1)  # lanes to spare begin like the last outage
-            if last[source] > longest:
-                longest = last[source]
-            for i in range(STATES):
-                for j in range(i, STATES):
-                    p[(STATES * i + j) * LANES + k] = p0[source, i, j]
-            before[k] = k_axis * math.sqrt(max(p0[source, 0, 0], max(p0[source, 1, 1], p0[source, 2, 2])))
-        for epoch in range(longest):
-            for i in range(6):
-                for k in range(here):
-                    g[i * LANES + k] = gradient_ps2[epoch, i, first + k]
-            if second_order:
-                transit_runge_kutta(p, m, g, dt_s)
-            else:
-                transit_euler(p, m, g, dt_s)
-            update(p, row[0], row[1], row[2], r_m2, v_m2ps2)
+        settings: dt [s], 1 for Runge-Kutta, k_axis, margin, limit [m]. work (3, SIZE): scratch.
+        found (3, L): bound at the last epoch, largest error / bound, epoch at which the bound crosses the limit.
+        """
+        wide()
+        dt_s, second_order, k_axis = settings[0], settings[1] > 0.0, settings[2]
+        margin, limit_m = settings[3], settings[4]
+        r_m2, v_m2ps2 = row[3] * row[3], row[4] * row[4]
+        lanes, trace = p0.shape[0], bound_m.shape[0] > 0
+        p, m = work[0], work[1]
+        g, before = work[2, : 6 * LANES], work[2, 6 * LANES : 7 * LANES]
+        bound, ratios = work[2, 7 * LANES : 8 * LANES], work[2, 8 * LANES : 9 * LANES]
+        g[:] = 0.0
+        for first in range(0, lanes, LANES):
+            here = min(LANES, lanes - first)
+            longest = 0
             for k in range(LANES):
-                bound[k] = k_axis * math.sqrt(max(p[k], max(p[_YY + k], p[_ZZ + k])))
-            for k in range(here):
-                ratios[k] = error_m[epoch + 1, first + k] / bound[k]
-            for k in range(here):
-                lane = first + k
-                if epoch + 1 > last[lane]:
-                    continue
-                s_m, ratio = bound[k], ratios[k]
-                if trace:
-                    bound_m[epoch + 1, lane] = s_m
-                if s_m > limit_m and not (found[2, lane] >= 0.0):
-                    share = (limit_m - before[k]) / (s_m - before[k])
-                    found[2, lane] = epoch + share if before[k] <= limit_m else 0.0
-                before[k] = s_m
-                if not (ratio <= found[1, lane]):  # NaN stays
-                    found[1, lane] = ratio
-                if not (margin * ratio <= 1.0):
-                    broken[lane] += 1
-                    if broken[lane] > allowed:
-                        return False
-                if epoch + 1 == last[lane]:
-                    found[0, lane] = s_m
-    return True
+                source = first + min(k, here - 1)  # lanes to spare begin like the last outage
+                if last[source] > longest:
+                    longest = last[source]
+                for i in range(STATES):
+                    for j in range(i, STATES):
+                        p[(STATES * i + j) * LANES + k] = p0[source, i, j]
+                before[k] = k_axis * math.sqrt(max(p0[source, 0, 0], max(p0[source, 1, 1], p0[source, 2, 2])))
+            for epoch in range(longest):
+                for i in range(6):
+                    for k in range(here):
+                        g[i * LANES + k] = gradient_ps2[epoch, i, first + k]
+                if second_order:
+                    transit_runge_kutta(p, m, g, dt_s)
+                else:
+                    transit_euler(p, m, g, dt_s)
+                update(p, m, row[0], row[1], row[2], r_m2, v_m2ps2)
+                for k in range(LANES):
+                    bound[k] = k_axis * math.sqrt(max(p[k], max(p[_YY + k], p[_ZZ + k])))
+                for k in range(here):
+                    ratios[k] = error_m[epoch + 1, first + k] / bound[k]
+                for k in range(here):
+                    lane = first + k
+                    if epoch + 1 > last[lane]:
+                        continue
+                    s_m, ratio = bound[k], ratios[k]
+                    if trace:
+                        bound_m[epoch + 1, lane] = s_m
+                    if s_m > limit_m and not (found[2, lane] >= 0.0):
+                        share = (limit_m - before[k]) / (s_m - before[k])
+                        found[2, lane] = epoch + share if before[k] <= limit_m else 0.0
+                    before[k] = s_m
+                    if not (ratio <= found[1, lane]):  # NaN stays
+                        found[1, lane] = ratio
+                    if not (margin * ratio <= 1.0):
+                        broken[lane] += 1
+                        if broken[lane] > allowed:
+                            return False
+                    if epoch + 1 == last[lane]:
+                        found[0, lane] = s_m
+        return sources != 0
+
+    return _carry
+
+
+_carry = _declare(SOURCES)
 
 
 class Outages(NamedTuple):
@@ -153,7 +162,7 @@ def _call(
     found, broken = np.full((3, len(last)), np.nan), np.zeros(len(last), np.int64)
     found[1] = 0.0
     settings = np.array([outages.dt_s, float(outages.runge_kutta), outages.k_axis, margin, limit_m])
-    work = np.zeros((3, SIZE))
+    work = scratch(3, SIZE)
     row = np.ascontiguousarray(row, float)
     p0, gradient, error = outages.p0, outages.gradient_ps2, outages.error_m
     holds = _carry(p0, gradient, error, last, row, settings, allowed, work, bound, found, broken)

@@ -26,6 +26,7 @@ ENVIRONMENT_ROOTS = {
     "ground/accuracy/command.py": "finds the operator's folder of real orbits (LEONAV_DATA)",
     "hil_sim/scenario.py": "finds the operator's data folder (LEONAV_DATA) and the files a scenario names",
     "hil_sim/truth/satkit_data.py": "satkit takes the folder of its data from the environment only",
+    "ground/timing/instructions.py": "lends its own to a flight under valgrind, with the processor to compile for",
     "ground/timing/flights.py": "hands its own to a flight whose kernels are to be compiled anew",
 }
 SOCKET_ROOTS = {
@@ -40,7 +41,6 @@ SOCKET_ROOTS = {
 }
 BUS_ROOTS = {
     "flightsw/onboard.py": "the bus the operator named",
-    "hil_sim/bus.py": "the virtual bus of a lockstep run, made for sil.py",
     "hil_sim/live.py": "the bus of a world in real time, that the operator named",
 }
 PRINTING_FLIGHT = {

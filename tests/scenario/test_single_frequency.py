@@ -25,7 +25,7 @@ def test_the_model_takes_most_of_it_off_and_the_test_still_works() -> None:
     """GIVEN a day side of 5 m vertical delay and two satellites wrong by 60 m WHEN flown with and without the model
     THEN with it the position is better and the faults are named exactly in nine epochs of ten; what the summary says
     of it counts the same."""
-    good, bare = fly(), fly("flight.gnss_table.iono_share=0")
+    good, bare = fly(), fly("flight.function_table.gnss.iono_share=0")
     assert rms_m(good) < 0.7 * rms_m(bare)
     found = checks(good)
     told = np.concatenate([[data for _, frame, data in good.published if frame == 0x212]])

@@ -3,7 +3,7 @@
 import pytest
 from budgets import BUDGETS
 
-from ground.timing import nine_states
+from ground.timing import lanes, nine_states
 
 BUDGET = BUDGETS["nine_states"]
 
@@ -26,3 +26,9 @@ def test_the_step_is_of_the_class_of_c(ways: dict[str, nine_states.Way]) -> None
 
 def test_the_step_is_far_below_numpy(ways: dict[str, nine_states.Way]) -> None:
     assert BUDGET["below_numpy_min"] * ways["flight"].step_ns <= ways["NumPy, out="].step_ns
+
+
+def test_lanes_are_worth_their_while() -> None:
+    """GIVEN the ensemble of (17) in lanes and by flight's own kernels WHEN timed in turn THEN lanes do a multiple."""
+    rates = {rate.name: rate.arcs_per_s for rate in lanes.compare(rounds=9)}
+    assert rates["lanes, one thread"] >= BUDGETS["lanes"]["over_flight_min"] * rates["flight's kernels, one arc"]

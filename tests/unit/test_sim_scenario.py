@@ -11,7 +11,7 @@ SHIPPED = (
     *("burn_in_outage", "crosslink_glonass", "crosslink_jump", "crosslink_ramp", "demo", "gnss_faults"),
     *("graceb_faults", "graceb_gaps", "graceb_pseudoranges", "graceb_real", "gracefo_outage", "j2_outage"),
     *("nominal", "paper_outage"),
-    *("sentinel3a_outage", "single_frequency", "two_orbits", "unannounced_burn", "velocity_bias"),
+    *("sentinel3a_outage", "single_frequency", "soak", "two_orbits", "unannounced_burn", "velocity_bias"),
 )
 
 

@@ -125,6 +125,31 @@ def test_every_run_has_a_channel_of_its_own() -> None:
         assert one.flight.recv(0.0) is not None
 
 
+def test_a_frame_is_the_receivers_own_and_nobody_hears_himself() -> None:
+    """GIVEN three ends of a bus WHEN one sends from a buffer and fills it again THEN both others have the frame as it
+    was sent, each his own, and the sender has nothing."""
+    with VirtualBusPair() as pair:
+        third = pair.open_end()
+        buffer = bytearray(b"before")
+        sent = {"timestamp": 12.5, "arbitration_id": 0x123, "is_fd": True, "bitrate_switch": True}
+        pair.flight.send(can.Message(data=buffer, is_extended_id=False, **sent))
+        buffer[:] = b"after."
+        heard = [end.recv(0.0) for end in (pair.world, third)]
+        for message in heard:
+            assert message is not None
+            assert bytes(message.data) == b"before"
+            assert {name: getattr(message, name) for name in sent} == sent
+            assert not message.is_extended_id
+            message.data[0] = 0
+        assert pair.flight.recv(0.0) is None
+        assert pair.world.recv(0.0) is None
+        third.shutdown()
+        pair.flight.send(can.Message(data=b"x"))
+        for call in (lambda: third.recv(0.0), lambda: third.send(can.Message())):
+            with pytest.raises(can.CanOperationError, match="closed"):
+                call()
+
+
 # -- monitor -------------------------------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ from flightsw.process_account import ProcessAccount
 from flightsw.schedule import Member, Schedule
 from ground.__main__ import main
 from ground.errors import OperatorError
-from ground.timing import command, flights, report
+from ground.timing import command, flights, instructions, report
 
 
 def timing(folder: Path) -> None:
@@ -65,3 +65,36 @@ def test_ways_are_told_by_their_ratio_to_flight() -> None:
     ]
     text = report.render({"machine": {**command._machine(), "load": 0.5}, "kernels": ways})
     assert "| C | 200 | 0.50 | 2e-15 |" in text
+
+
+def test_a_soak_is_told_from_its_account(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """GIVEN the account of a soak of three laps WHEN the command is given it THEN growth, passes and digest are told;
+    a file that is none is named."""
+    timing(tmp_path / "run")
+    members = json.loads((tmp_path / "run" / "timing.json").read_text())["members"]
+    mark = {"ticks": 1000, "rss_bytes": 1 << 20, "collected": [5, 1, 0], "grown": 90, "dropped": 0}
+    laps = [mark, {**mark, "ticks": 2000, "grown": 3}, {**mark, "ticks": 3000, "grown": -1, "collected": [9, 2, 0]}]
+    account = {"scenario": "soak", "ticks": 3000, "simulated_s": 300.0, "flown_s": 2.0, "slips": 0, "alerts": 4}
+    path = tmp_path / "soak.json"
+    path.write_text(json.dumps({**account, "digest": "ab", "failures": [], "laps": laps, "members": members}))
+    words = ["timing", "--parts", "--out", str(tmp_path / "out"), "--soak"]
+    assert main([*words, str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "3,000 ticks in 3 laps, 150 times real time, 0 slips" in text
+    assert "in 2,000 ticks: +2 blocks" in text
+    assert "collector passes 4/1/0" in text
+    path.write_text("{}")
+    assert main([*words, str(path)]) == 2
+    assert "not the account of a soak" in capsys.readouterr().err
+
+
+def test_lanes_and_instructions_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    ways = [{"name": "lanes", "arcs_per_s": 18_000.0}, {"name": "flight's", "arcs_per_s": 1_500.0}]
+    counted = {"nominal": {"ticks": 400, "instructions": 512_345.6}}
+    text = report.render({"machine": {**command._machine(), "load": 0.5}, "lanes": ways, "instructions": counted})
+    assert "| lanes | 18,000 | 12.0 |" in text
+    assert "| nominal | 512,346 | 400 |" in text
+    monkeypatch.setattr(instructions.shutil, "which", lambda name: None)
+    why = instructions.missing()
+    assert why is not None
+    assert f"Not counted: {why}." in report.render({"machine": command._machine(), "instructions": {"missing": why}})
