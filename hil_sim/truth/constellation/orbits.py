@@ -94,9 +94,15 @@ class Tracks:
     def __init__(self, names: tuple[str, ...], tracks: list[HermiteTrack]) -> None:
         self.names = names
         self._tracks = tracks
+        self._last: tuple[int, np.ndarray, np.ndarray] | None = None  # of an epoch all ask for the same instant
 
     def states(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions (n,3) and velocities (n,3); NaN outside a satellite's nodes."""
+        if self._last is None or self._last[0] != round(t_s * 1e9):
+            self._last = (round(t_s * 1e9), *self._states(t_s))
+        return self._last[1].copy(), self._last[2].copy()
+
+    def _states(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         t_ns = np.array([round(t_s * 1e9)], np.int64)
         r, v = np.full((len(self.names), 3), np.nan), np.full((len(self.names), 3), np.nan)
         for index, track in enumerate(self._tracks):
