@@ -27,7 +27,7 @@ TABLE_2 = (0.5, 3.5, 3.5, 0.0)
 OVERBOUND, SPREAD, PRINTED = "overbound of the day", "spread of the day", "Table 2"
 NOISE_TABLES = (OVERBOUND, SPREAD, PRINTED)
 _PROGRESS_S = 600
-_QUICK_EVERY_S, _SLOW_EVERY_S = 60, 7
+_QUICK_EVERY_S, _SLOW_EVERY_S = 60, 31
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def expected_false(
 ) -> dict[str, Any]:
     """Rates at which the day's own errors, but for its anomalies, alarm the network monitor: Expected.document.
 
-    quick: the test of one epoch, every minute. slow: the search for slow faults, one epoch in seven, so that every age
-    has its turn.
+    quick: the test of one epoch, every minute. slow: the search for slow faults, one epoch in 31, so that every age has
+    its turn.
     """
     quick, slow = MonitorMemory(replace(settings, onset_blocks=())), MonitorMemory(settings)
     expected = {"quick": Expected(quick, False), "slow": Expected(slow, True)}
