@@ -104,27 +104,7 @@ def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[s
         return roc.curves(both, args.seed, 1 if args.quick else 20)
     from ground.accuracy.command import data_folder
 
-    day = real_day.load_day(data_folder())
     stop_s = 2400.0 if args.quick else None
-    flights = [(name, 1) for name in real_day.NOISE_TABLES]
-    flights[0] = (real_day.OVERBOUND, 1 if args.quick else args.day_seeds)
-    documents = {}
-    for name, seeds in flights:
-        settings = real_day.settings_of(day, name, both.range_sigma_m)
-        flown = []
-        for seed in range(args.seed, args.seed + seeds):
-            with progress(f"day, {name}, seed {seed}", 86_400) as advance:
-                told = [0]
-
-                def tell(second: int, advance: Any = advance, told: list[int] = told) -> None:
-                    advance(second - told[0])
-                    told[0] = second
-
-                flown.append(real_day.fly_day(day, settings, seed, stop_s=stop_s, advance=tell))
-        documents[name] = {
-            **flown[0],
-            "others": flown[1:],
-            "certain_m": real_day.certain_m(day, settings),
-            "expected": real_day.expected_false(day, settings, stop_s=stop_s),
-        }
-    return {"errors": real_day.errors_of(day), "flights": documents}
+    seeds = 1 if args.quick else args.day_seeds
+    folder = args.out / ("day-quick" if args.quick else "day")
+    return real_day.day_part(folder, data_folder(), both.range_sigma_m, args.seed, seeds, stop_s, progress)

@@ -112,8 +112,8 @@ class Expected:
         self._memory = memory
         self._sum, self._largest, self._epochs = 0.0, 0.0, 0
 
-    def add(self) -> None:
-        """Count the epoch that the monitor's network test was made ready with last."""
+    def add(self, apart: np.ndarray) -> None:
+        """Count the epoch that the monitor's network test was made ready with last; apart (n,): who is not charged."""
         test = self._memory.network[0]
         links, n = int(test["links"]), int(test["columns"]) // PARAMETERS
         self._epochs += 1
@@ -126,7 +126,7 @@ class Expected:
         covariance = np.einsum("lni,l,lnj->nij", gain, noise, gain)
         mean = np.einsum("nik,nk->ni", np.array(test["root"])[:n], np.array(test["g"])[: PARAMETERS * n].reshape(n, -1))
         dof = np.array(test["dof"])[:n]
-        for satellite in np.flatnonzero(dof):
+        for satellite in np.flatnonzero((dof > 0) & ~apart):
             threshold = float(self._thresholds[dof[satellite]])
             self._sum += quadratic_tail(threshold, mean[satellite], covariance[satellite])
             self._largest = max(self._largest, float(mean[satellite] @ mean[satellite]))

@@ -87,9 +87,10 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
     figure, axes = style.new_figure(
         5,
         f"Table {table.number}: range differences of satellite 1 under {name}",
-        "rows: neighbours; white: first majority. Top: the paper's model; below: the same error in a true direction",
+        f"rows: satellites {_listed(pairs[mine])} against 1; white: first majority of |dR| > 59.7 m. Top: the paper's "
+        "model; below: true directions",
     )
-    figure.subplots_adjust(hspace=0.35, left=0.12, right=0.93)
+    figure.subplots_adjust(hspace=0.3, left=0.12, right=0.9)
     image = None
     for panel, label in zip(axes, _ROWS_OF_A_MAP, strict=True):
         noise = rng.normal(0.0, sigma_m, (len(mine), len(times)))
@@ -114,10 +115,16 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
         panel.set_ylabel(f"{label}\n{share:.0f} % flagged", rotation=0, ha="right", va="center", fontsize=9)
     axes[-1].set_xlabel("time [s]")
     if image is not None:
-        bar = figure.colorbar(image, ax=axes, fraction=0.02, pad=0.01)
-        bar.set_label("dR [m]")
+        top, bottom = axes[0].get_position().y1, axes[-1].get_position().y0
+        bar = figure.colorbar(image, cax=figure.add_axes((0.915, bottom, 0.014, top - bottom)), extend="max")
+        bar.set_label("|dR| [m]")
         bar.ax.axhline(paper.THRESHOLD_M, color="white", linewidth=1.5)
     return figure
+
+
+def _listed(pairs: np.ndarray) -> str:
+    """Numbers, from 1, of those that satellite 1 has links with."""
+    return ", ".join(str(number + 1) for number in sorted({int(one) for one in pairs.ravel()} - {0}))
 
 
 def detection(found: dict[str, Any]) -> Figure:
@@ -125,7 +132,8 @@ def detection(found: dict[str, Any]) -> Figure:
     figure, axes = style.new_figure(
         4,
         "Jumps found in one epoch",
-        f"{found['cases'][0]['trials']} uploads a case; false alarms at most 2e-7 an epoch",
+        f"{found['cases'][0]['trials']:,} uploads of each size marked; false alarms at most 2e-7 an epoch, the paper's "
+        "rule as it is",
     )
     rows = {row["case"]: row for row in found["cases"]}
     for panel, direction, colour in zip(axes, DIRECTIONS, _COLOURS, strict=True):

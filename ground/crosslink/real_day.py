@@ -6,12 +6,16 @@ against the true error at that time. The noise table is the paper's Table 2 or o
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flightsw.crosslink.declare import source_hash
 from flightsw.crosslink.monitor import monitor_epoch
 from flightsw.crosslink.setup import MonitorMemory, Settings
 from ground.crosslink.day_noise import ANOMALY, Expected, anomalous, beyond_noise, overbound, robust
@@ -111,24 +115,26 @@ def expected_false(
 ) -> dict[str, Any]:
     """Rates at which the day's own errors, but for its anomalies, alarm the network monitor: Expected.document.
 
-    quick: the test of one epoch, every minute. slow: the search for slow faults, one epoch in 31, so that every age has
-    its turn.
+    quick: the test of one epoch, every minute, with the anomalous silent, as if excluded; on_air: with them, as long as
+    they are not. slow: the search for slow faults, one epoch in 31, so that every age has its turn.
     """
     quick, slow = MonitorMemory(replace(settings, onset_blocks=())), MonitorMemory(settings)
-    expected = {"quick": Expected(quick, False), "slow": Expected(slow, True)}
-    ranging, apart, rng = Ranging(0.0), anomalous(day), np.random.default_rng(0)
+    expected = {"quick": Expected(quick, False), "on_air": Expected(quick, False), "slow": Expected(slow, True)}
+    ranging, anomalies, rng = Ranging(0.0), anomalous(day), np.random.default_rng(0)
     step = day.grid_s[1] - day.grid_s[0]
     stop_s = float(day.grid_s[-1]) - 900.0 if stop_s is None else stop_s
     for second in range(int(start_s), int(stop_s)):
-        left_out = apart[:, int(second // step)]
-        _put(slow, day, ranging, float(second), rng, left_out)
+        apart = anomalies[:, int(second // step)]
+        _put(slow, day, ranging, float(second), rng, apart)
         monitor_epoch(*slow.arguments())
         if second % _SLOW_EVERY_S == 0 and np.isfinite(slow.verdict["slow_age_s"][0]):
-            expected["slow"].add()
+            expected["slow"].add(apart)
         if second % _QUICK_EVERY_S == 0:
-            _put(quick, day, ranging, float(second), rng, left_out)
-            monitor_epoch(*quick.arguments())
-            expected["quick"].add()
+            for name, silent in (("quick", apart), ("on_air", np.zeros_like(apart))):
+                quick.reset()  # nobody is excluded
+                _put(quick, day, ranging, float(second), rng, silent)
+                monitor_epoch(*quick.arguments())
+                expected[name].add(apart)
     return {name: one.document() for name, one in expected.items()}
 
 
@@ -210,3 +216,60 @@ def fly_day(
         "sigma_rate_mps": list(settings.sigma_rate_mps),
         "findings": [vars(one) for one in findings],
     }
+
+
+def day_part(
+    folder: Path, data: Path, range_sigma_m: float, seed: int, seeds: int, stop_s: float | None, progress: Any
+) -> dict[str, Any]:
+    """The day with each noise table, the overbound with several seeds. What is finished is kept in the folder."""
+    day = load_day(data)
+    folder.mkdir(parents=True, exist_ok=True)
+    documents = {}
+    for number, name in enumerate(NOISE_TABLES):
+        settings = settings_of(day, name, range_sigma_m)
+        key = f"{source_hash()} {_study_hash()} {settings!r} {stop_s}"
+        flown = []
+        for one in range(seed, seed + (seeds if name == OVERBOUND else 1)):
+            with progress(f"day, {name}, seed {one}", 86_400) as advance:
+                flown.append(
+                    _kept(
+                        folder / f"{number}_seed_{one}.json",
+                        key,
+                        partial(fly_day, day, settings, one, stop_s=stop_s, advance=_steps(advance)),
+                    )
+                )
+        expected = partial(expected_false, day, settings, stop_s=stop_s)
+        documents[name] = {
+            **flown[0],
+            "others": flown[1:],
+            "certain_m": certain_m(day, settings),
+            "expected": _kept(folder / f"{number}_expected.json", key, expected),
+        }
+    return {"errors": errors_of(day), "flights": documents}
+
+
+def _steps(advance: Any) -> Any:
+    """Of a bar that wants counts, for who tells the second he is at."""
+    told = [0]
+
+    def tell(second: int) -> None:
+        advance(second - told[0])
+        told[0] = second
+
+    return tell
+
+
+def _kept(path: Path, key: str, make: Any) -> dict[str, Any]:
+    """What a file holds, if it was made under this key; else it is made and kept."""
+    if path.exists():
+        held = json.loads(path.read_text(encoding="utf-8"))
+        if held["key"] == key:
+            return dict(held["found"])
+    found = make()
+    path.write_text(json.dumps({"key": key, "found": found}, indent=1) + "\n", encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))["found"]  # type: ignore[no-any-return]
+
+
+def _study_hash() -> str:
+    here = Path(__file__).resolve()
+    return hashlib.sha256(here.read_bytes() + here.with_name("day_noise.py").read_bytes()).hexdigest()

@@ -137,10 +137,10 @@ def _day(found: dict[str, Any]) -> list[str]:
         certain = " / ".join(f"{value:.0f}" for value in one["certain_m"])
         text.append(f"{name} ({sigma} m; {rate} mm/s): rank {one['rank']} of {one['parameters']}")
         text.append(f"  found in one epoch with 0.999 from {certain} m radial / along / cross / clock")
-        quick, slow = one["expected"]["quick"], one["expected"]["slow"]
+        quick, on_air, slow = (one["expected"][name]["rate"] for name in ("quick", "on_air", "slow"))
         text.append(
-            f"  false alarms expected of the day's own errors: {quick['rate']:.2g} an epoch of the test of one epoch, "
-            f"{slow['rate']:.2g} of the search for slow faults; claimed 1e-7 each"
+            f"  false alarms expected of the day's own errors: {quick:.2g} an epoch of the test of one epoch, "
+            f"{on_air:.2g} while nobody is excluded, {slow:.2g} of the search for slow faults; claimed 1e-7 each"
         )
         for flight in (one, *one["others"]):
             text.append(f"  seed {flight['seed']}: {flight['epochs']} epochs, {flight['false']} false findings")
