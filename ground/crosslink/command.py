@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
+import os
 from pathlib import Path
 from typing import Any
 
-from ground.errors import OperatorError
+from ground.studies.study_folder import STOPPED, check_counts, fly_parts, make_folder, progress
 
 HELP = "study the integrity monitors of a constellation that ranges between its satellites"
 USUAL_STUDY = Path("runs/crosslink")
 PARTS = ("paper", "uploads", "once", "tail", "ramps", "roc", "special", "speed", "day")
 USUAL_RUNS = {"uploads": 300, "once": 40, "ramps": 320}
 QUICK_RUNS = {"uploads": 2, "once": 1, "ramps": 8}
-STOPPED = 130
 
 
 def add_arguments(subparsers: Any) -> None:
@@ -28,6 +26,9 @@ def add_arguments(subparsers: Any) -> None:
     study.add_argument("--quick", action="store_true", help="a few runs, whether all works")
     study.add_argument("--seed", type=int, default=1, metavar="N", help="root of all random numbers (default 1)")
     study.add_argument("--out", type=Path, default=USUAL_STUDY, metavar="DIR", help=f"folder (default {USUAL_STUDY})")
+    study.add_argument(
+        "--day-seeds", type=int, default=2, metavar="N", help="noises that the day is flown with (default 2)"
+    )
     study.add_argument("--jobs", type=int, metavar="N", help="processes to fly in (default: 2, or 1 on one processor)")
     study.add_argument("--dask", metavar="ADDRESS", help="fly on a Dask cluster instead, for example tcp://host:8786")
     study.add_argument("--no-figures", action="store_true", help="draw nothing")
@@ -51,53 +52,22 @@ def run(args: argparse.Namespace) -> int:
 
 def _ledger(args: argparse.Namespace) -> int:
     from ground.crosslink import ledger
+    from ground.studies import paper_ledger
 
-    document = _held(args.study)
-    lacking = [part for part in ledger.NEEDED if part not in document]
-    if lacking:
-        raise OperatorError(
-            f"{args.study}: has no {' and '.join(lacking)}; run ground crosslink study --parts {' '.join(lacking)}"
-        )
-    text, failing = ledger.render(document)
-    if failing:
-        print("ground crosslink ledger: not written, measurements and verdicts disagree:")
-        print("\n".join(failing))
-        return 1
-    try:
-        args.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OperatorError(f"--out {args.out}: cannot be written: {error.strerror}") from error
-    print(f"{args.out}: {len(ledger.CLAIMS)} claims")
-    return 0
+    return paper_ledger.write("crosslink", ledger, args.study, args.out)
 
 
 def _study(args: argparse.Namespace) -> int:
-    for name in ("runs", "jobs"):
-        value = getattr(args, name)
-        if value is not None and value < 1:
-            raise OperatorError(f"--{name} {value}: give 1 or more")
-    if not 0 <= args.seed < 1 << 62:
-        raise OperatorError(f"--seed {args.seed}: give 0 to 2^62 - 1")
-    if args.out.exists() and not args.out.is_dir():
-        raise OperatorError(f"--out {args.out}: is a file; name a folder")
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OperatorError(f"--out {args.out}: cannot be made: {error.strerror}") from error
+    check_counts(args, "runs", "jobs", "day_seeds")
+    make_folder(args.out)
+    # products of small matrices: a second thread waits for the first; before numpy, and for workers as well
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ground.crosslink import report
 
-    path = args.out / "study.json"
-    document = _held(path)
-    document["seed"] = args.seed
     figures: dict[str, Any] = {}
-    try:
-        for part in PARTS:
-            if part in args.parts:
-                document[part] = _fly(part, args, figures)
-                path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-                print("\n".join(report.lines(part, document[part])), flush=True)
-    except KeyboardInterrupt:
-        print("\nstopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
+    parts = [part for part in PARTS if part in args.parts]
+    document, stopped = fly_parts(args.out, args.seed, parts, lambda part: _fly(part, args, figures), report.lines)
+    if stopped:
         return STOPPED
     if not args.no_figures:
         from ground.crosslink import figures as pictures
@@ -105,14 +75,6 @@ def _study(args: argparse.Namespace) -> int:
         for drawn in pictures.draw(document, figures, args.out / "figures", args.seed):
             print(f"drawn: {drawn}")
     return 0
-
-
-def _held(path: Path) -> dict[str, Any]:
-    try:
-        held = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (OSError, ValueError) as error:
-        raise OperatorError(f"{path}: cannot be read ({error}); remove it") from None
-    return held if isinstance(held, dict) else {}
 
 
 def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[str, Any]:
@@ -129,7 +91,7 @@ def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[s
         how = {"jobs": args.jobs or usual_jobs(), "dask": args.dask, "chunk_runs": 4}
         folder = args.out / (f"{part}-quick" if args.quick else part)
         fly = study.ramps_part if part == "ramps" else study.uploads_part
-        with _progress(part, runs) as advance:
+        with progress(part, runs) as advance:
             found, figures[part] = fly(folder, Setting() if part == "once" else both, runs, args.seed, advance, **how)
         return found
     if part == "tail":
@@ -142,33 +104,7 @@ def _fly(part: str, args: argparse.Namespace, figures: dict[str, Any]) -> dict[s
         return roc.curves(both, args.seed, 1 if args.quick else 20)
     from ground.accuracy.command import data_folder
 
-    day = real_day.load_day(data_folder())
     stop_s = 2400.0 if args.quick else None
-    documents = {}
-    for name, of_the_day in (("noise of the day", True), ("Table 2", False)):
-        settings = real_day.settings_of(day, of_the_day, both.range_sigma_m)
-        with _progress(f"day, {name}", 86_400) as advance:
-            told = [0]
-
-            def tell(second: int, advance: Any = advance, told: list[int] = told) -> None:
-                advance(second - told[0])
-                told[0] = second
-
-            documents[name] = real_day.fly_day(day, settings, args.seed, stop_s=stop_s, advance=tell)
-    return documents
-
-
-def _progress(label: str, total: int) -> Any:
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def bar() -> Any:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
-            task = progress.add_task(label, total=total)
-            yield lambda count: progress.advance(task, count)
-
-    return bar()
+    seeds = 1 if args.quick else args.day_seeds
+    folder = args.out / ("day-quick" if args.quick else "day")
+    return real_day.day_part(folder, data_folder(), both.range_sigma_m, args.seed, seeds, stop_s, progress)

@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ground.crosslink import paper
+from ground.crosslink.day_noise import ANOMALY
 from ground.crosslink.paper_tables import JUMP_AT_S, PrintedTable
 from ground.crosslink.scene import Setting, ready
 from ground.reports import style
@@ -84,9 +87,10 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
     figure, axes = style.new_figure(
         5,
         f"Table {table.number}: range differences of satellite 1 under {name}",
-        "rows: neighbours; white: first majority. Top: the paper's model; below: the same error in a true direction",
+        f"rows: satellites {_listed(pairs[mine])} against 1; white: first majority of |dR| > 59.7 m. Top: the paper's "
+        "model; below: true directions",
     )
-    figure.subplots_adjust(hspace=0.35, left=0.12, right=0.93)
+    figure.subplots_adjust(hspace=0.3, left=0.12, right=0.9)
     image = None
     for panel, label in zip(axes, _ROWS_OF_A_MAP, strict=True):
         noise = rng.normal(0.0, sigma_m, (len(mine), len(times)))
@@ -111,10 +115,16 @@ def maps(setting: Setting, table: PrintedTable, seed: int) -> Figure:
         panel.set_ylabel(f"{label}\n{share:.0f} % flagged", rotation=0, ha="right", va="center", fontsize=9)
     axes[-1].set_xlabel("time [s]")
     if image is not None:
-        bar = figure.colorbar(image, ax=axes, fraction=0.02, pad=0.01)
-        bar.set_label("dR [m]")
+        top, bottom = axes[0].get_position().y1, axes[-1].get_position().y0
+        bar = figure.colorbar(image, cax=figure.add_axes((0.915, bottom, 0.014, top - bottom)), extend="max")
+        bar.set_label("|dR| [m]")
         bar.ax.axhline(paper.THRESHOLD_M, color="white", linewidth=1.5)
     return figure
+
+
+def _listed(pairs: np.ndarray) -> str:
+    """Numbers, from 1, of those that satellite 1 has links with."""
+    return ", ".join(str(number + 1) for number in sorted({int(one) for one in pairs.ravel()} - {0}))
 
 
 def detection(found: dict[str, Any]) -> Figure:
@@ -122,7 +132,8 @@ def detection(found: dict[str, Any]) -> Figure:
     figure, axes = style.new_figure(
         4,
         "Jumps found in one epoch",
-        f"{found['cases'][0]['trials']} uploads a case; false alarms at most 2e-7 an epoch",
+        f"{found['cases'][0]['trials']:,} uploads of each size marked; false alarms at most 2e-7 an epoch, the paper's "
+        "rule as it is",
     )
     rows = {row["case"]: row for row in found["cases"]}
     for panel, direction, colour in zip(axes, DIRECTIONS, _COLOURS, strict=True):
@@ -192,22 +203,69 @@ def time_to_detect(figures: dict[str, np.ndarray]) -> Figure:
 
 
 def day(found: dict[str, Any]) -> Figure:
-    """Who was excluded when on the real day, with both noise tables."""
-    figure, axes = style.new_figure(
-        len(found),
-        "GLONASS, 1 April 2009: excluded satellites",
-        "true error when named; names from broadcast ephemerides",
+    """True errors of the real day's messages, and who was excluded when, with each noise table."""
+    errors, flights = found["errors"], found["flights"]
+    names, hours = list(errors["errors_m"]), np.array(errors["hours"])
+    size = np.array([[math.nan if None in one else math.hypot(*one) for one in errors["errors_m"][n]] for n in names])
+    caught = sorted({one["satellite"] for flight in flights.values() for one in flight["findings"]})
+    figure, (above, below) = style.new_figure(
+        2,
+        "GLONASS, 1 April 2009: what satellites broadcast, and who was excluded",
+        "above: error of messages by the precise orbits; below: exclusions by the network monitor, three noise tables",
+        gridspec_kw={"height_ratios": (1.0, 0.24 * max(len(caught), 1))},
     )
-    for panel, (name, one) in zip(axes, found.items(), strict=True):
-        names = one["satellites"]
-        for finding in one["findings"]:
-            y = names.index(finding["satellite"])
-            panel.barh(
-                y, (finding["to_s"] - finding["from_s"]) / 3600.0, left=finding["from_s"] / 3600.0, color=style.BOUND
+    figure.set_size_inches(style.FIGURE_INCHES[0], 5.0 + 0.75 * len(caught))
+    figure.subplots_adjust(top=0.88, bottom=0.075, hspace=0.14, right=0.9)
+    image = above.pcolormesh(hours, np.arange(len(names)), size, cmap="YlGnBu", vmin=0.0, vmax=24.0, shading="nearest")
+    for row, name in enumerate(names):
+        said = np.flatnonzero(errors["unhealthy"][name])
+        if len(said):
+            span = (hours[said[0]], row - 0.5), float(hours[said[-1]] - hours[said[0]]), 1.0
+            above.add_patch(Rectangle(*span, fill=False, hatch="//////", edgecolor=style.LIMIT, linewidth=1.2))
+            above.annotate(
+                "says it is unhealthy",
+                (float(hours[said[-1]]), row),
+                xytext=(5, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8.5,
+                color=style.LIMIT,
             )
-            panel.annotate(f"{finding['size_m']:.0f} m", (finding["from_s"] / 3600.0, y), fontsize=8, va="center")
-        panel.set_yticks(range(len(names)), names, fontsize=6)
-        panel.set_xlim(0.0, 24.0)
-        panel.set_title(name, fontsize=9, loc="right")
-    axes[-1].set_xlabel("time of day [h]")
+    above.set_yticks(range(len(names)), names, fontsize=8)
+    above.grid(False)
+    above.invert_yaxis()
+    figure.canvas.draw()
+    box = above.get_position()
+    bar = figure.colorbar(image, cax=figure.add_axes((0.915, box.y0, 0.014, box.height)))
+    bar.set_label("position and clock [m]")
+    _exclusions(below, flights, caught)
     return figure
+
+
+def _exclusions(axes: Axes, flights: dict[str, Any], caught: list[str]) -> None:
+    """Bars of exclusions: a group for each satellite, a bar for each noise table; false ones crossed out."""
+    height = 0.8 / len(flights)
+    for place, ((table, flight), colour) in enumerate(zip(flights.items(), _COLOURS, strict=False)):
+        for finding in flight["findings"]:
+            y = caught.index(finding["satellite"]) - 0.4 + height * (place + 0.5)
+            start, stop = finding["from_s"] / 3600.0, finding["to_s"] / 3600.0
+            false = finding["beyond"] < ANOMALY
+            axes.barh(y, max(stop - start, 0.04), left=start, height=0.85 * height, color=colour)
+            text = f"{finding['size_m']:.1f} m" + (", within the noise" if false else "")
+            axes.annotate(
+                text,
+                (max(stop, start + 0.04), y),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+                color=style.LIMIT if false else style.INK,
+            )
+        axes.barh(math.nan, 0.0, color=colour, label=table)
+    axes.set_yticks(range(len(caught)), caught)
+    axes.set_ylim(len(caught) - 0.5, -0.5)
+    axes.set_xlim(0.0, 24.0)
+    axes.set_xticks(range(0, 25, 3))
+    axes.set_xlabel("time of day [h]; beside each bar the true error when it was named")
+    axes.grid(axis="y", visible=False)
+    style.legend_above(axes, 3)

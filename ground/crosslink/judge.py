@@ -192,7 +192,7 @@ def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> n
 def _read(test: np.ndarray, links: int, columns: int) -> np.ndarray:
     """Linear functions (links, columns) of the residuals of a test made ready, as `_functions` computes them."""
     out = np.zeros((links, columns))
-    _functions(test, np.eye(links), out, np.zeros(1))
+    _functions(test, np.eye(links), out, np.zeros(1, np.int64))
     return out
 
 

@@ -5,30 +5,17 @@ A claim judges itself: where a study does not bear its verdict, the ledger is no
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from ground.campaign.statistics import trials_needed, upper_limit
+from ground.studies import paper_ledger
+from ground.studies.paper_ledger import CONTRADICTED, QUALIFIED, REPRODUCED, Claim, Study
 from hil_sim.truth.constellation.broadcast import DIRECTIONS
 
-Study = dict[str, Any]
-NEEDED = ("paper", "uploads")
-REPRODUCED, QUALIFIED, CONTRADICTED = "REPRODUCED", "QUALIFIED", "CONTRADICTED"
+NEEDED: tuple[str, ...] = ("paper", "uploads")
 _PAPER_RUNS = 10_000_000
 _PAPER_MISS = 2e-7
 _STUDY = "tests/unit/test_crosslink_study.py"
-
-
-class Claim(NamedTuple):
-    """One claim. `ours` puts the measurement in words, `holds` says whether it bears the verdict."""
-
-    claim: str
-    where: str
-    paper: str
-    ours: Callable[[Study], str]
-    verdict: str
-    holds: Callable[[Study], bool]
-    test: str  # file::function
 
 
 def _table(study: Study, number: int) -> dict[str, Any]:
@@ -168,15 +155,9 @@ cease to be true. How the monitors work is in [crosslink.md](crosslink.md).
 
 def render(study: Study) -> tuple[str, list[str]]:
     """The ledger in Markdown, and the claims whose verdict this study does not bear, in words."""
-    failing = [f"{one.verdict} does not hold: {one.claim}: {one.ours(study)}" for one in CLAIMS if not one.holds(study)]
-    lines = ["| claim of the paper | where | the paper's figure | ours | verdict | test |", "|" + "---|" * 6]
-    for one in CLAIMS:
-        path, _, name = one.test.partition("::")
-        cells = (one.claim, one.where, one.paper, one.ours(study), f"**{one.verdict}**", f"[`{name}`](../{path})")
-        lines.append(f"| {' | '.join(cells)} |")
     trials = _case(study, "radial 70 m")["trials"]
     tail = (
-        f"\nMeasured with {trials} faulty uploads of each case in {study['uploads']['runs']} geometries, every pair "
-        "ranging both ways. Again: `ground crosslink study --parts paper uploads`, then `ground crosslink ledger`.\n"
+        f"Measured with {trials} faulty uploads of each case in {study['uploads']['runs']} geometries, every pair "
+        "ranging both ways. Again: `ground crosslink study --parts paper uploads`, then `ground crosslink ledger`."
     )
-    return f"{_HEAD}\n" + "\n".join(lines) + "\n" + tail, failing
+    return paper_ledger.rendered(_HEAD, CLAIMS, study, tail)

@@ -114,6 +114,9 @@ def _special(found: dict[str, Any]) -> list[str]:
         f"the own satellite alone {one['own_median']:.1f} m"
         for name, one in found["certain_jump_m"].items()
     ]
+    for links, known in found["known"].items():
+        shares = ", ".join(f"{name} {one['mean']:.4f} (least {one['least']:.4f})" for name, one in known.items())
+        text.append(f"{links}: of jumps of 70 m a test that knew satellite and direction would find {shares}")
     return text
 
 
@@ -128,17 +131,31 @@ def _speed(found: dict[str, Any]) -> list[str]:
 
 def _day(found: dict[str, Any]) -> list[str]:
     text = []
-    for name, one in found.items():
+    for name, one in found["flights"].items():
         sigma = ", ".join(f"{value:.2f}" for value in one["sigma_m"])
-        text.append(f"{name} ({sigma} m): {one['epochs']} epochs, rank {one['rank']} of {one['parameters']}")
-        for finding in one["findings"]:
-            errors = ", ".join(f"{value:.1f}" for value in finding["errors_m"])
-            text.append(
-                f"  {finding['satellite']} from {_clock(finding['from_s'])} to {_clock(finding['to_s'])}, true error "
-                f"{finding['size_m']:.1f} m ({errors}), at most {finding['largest_m']:.1f} m, "
-                f"{'flagged healthy' if finding['healthy'] else 'flagged unhealthy'}"
-            )
+        rate = ", ".join(f"{1e3 * value:.2f}" for value in one["sigma_rate_mps"])
+        certain = " / ".join(f"{value:.0f}" for value in one["certain_m"])
+        text.append(f"{name} ({sigma} m; {rate} mm/s): rank {one['rank']} of {one['parameters']}")
+        text.append(f"  found in one epoch with 0.999 from {certain} m radial / along / cross / clock")
+        quick, on_air, slow = (one["expected"][name]["rate"] for name in ("quick", "on_air", "slow"))
+        text.append(
+            f"  false alarms expected of the day's own errors: {quick:.2g} an epoch of the test of one epoch, "
+            f"{on_air:.2g} while nobody is excluded, {slow:.2g} of the search for slow faults; claimed 1e-7 each"
+        )
+        for flight in (one, *one["others"]):
+            text.append(f"  seed {flight['seed']}: {flight['epochs']} epochs, {flight['false']} false findings")
+            text += [_finding(finding) for finding in flight["findings"]]
     return text
+
+
+def _finding(finding: dict[str, Any]) -> str:
+    errors = ", ".join(f"{value:.1f}" for value in finding["errors_m"])
+    return (
+        f"    {finding['satellite']} from {_clock(finding['from_s'])} to {_clock(finding['to_s'])}, true error "
+        f"{finding['size_m']:.1f} m ({errors}), at most {finding['largest_m']:.1f} m, "
+        f"{'flagged healthy' if finding['healthy'] else 'flagged unhealthy'}, "
+        f"{'slow' if finding['slow'] else 'quick'}, {finding['beyond']:.1f} robust sigma off"
+    )
 
 
 def _clock(seconds: float) -> str:

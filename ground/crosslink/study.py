@@ -73,13 +73,18 @@ def uploads_part(
         for name in ("majority", "named", "exact", "own_fault", "own_suspect"):
             count = int(figures[name][:, index].sum())
             row[name] = count / trials
-            row[f"{name}_lower"] = lower_limit(count, trials)
+            row[f"{name}_lower"] = _at_least(count, trials)
         row["worst_geometry"] = float((figures["exact"][:, index] / figures["faulty"][:, index]).min())
         cases.append(row)
     document["cases"] = cases
     four = figures["dof"] == 4
     document["own_statistic"] = _against_chi2(figures["own_histogram"][four].sum(axis=0))
     return document, figures
+
+
+def _at_least(count: int, trials: int) -> float:
+    """Lower 95 % limit of a share, by way of the fewer ones: exact limits take a term for each that is counted."""
+    return lower_limit(count, trials) if 2 * count < trials else 1.0 - upper_limit(trials - count, trials)
 
 
 def _against_chi2(histogram: np.ndarray) -> dict[str, float]:

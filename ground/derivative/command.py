@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.studies.study_folder import STOPPED, check_counts, fly_parts, make_folder, progress
 
 HELP = "velocity and acceleration from positions: conditioning, studies, any track"
 USUAL = Path("runs/derivative")
 PARTS = ("paper", "scenario", "monitor")
 USUAL_RUNS = {"paper": 4, "scenario": 24, "monitor": 400}
 QUICK_RUNS = {"paper": 1, "scenario": 2, "monitor": 4}
-STOPPED = 130
 
 
 def add_arguments(subparsers: Any) -> None:
@@ -90,40 +88,14 @@ def _table(args: argparse.Namespace) -> int:
     return 0
 
 
-def _folder(path: Path) -> None:
-    if path.exists() and not path.is_dir():
-        raise OperatorError(f"--out {path}: is a file; name a folder")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OperatorError(f"--out {path}: cannot be made: {error.strerror}") from error
-
-
-def _positive(args: argparse.Namespace, *names: str) -> None:
-    for name in names:
-        value = getattr(args, name)
-        if value is not None and value < 1:
-            raise OperatorError(f"--{name} {value}: give 1 or more")
-    if not 0 <= args.seed < 1 << 62:
-        raise OperatorError(f"--seed {args.seed}: give 0 to 2^62 - 1")
-
-
 def _study(args: argparse.Namespace) -> int:
-    _positive(args, "runs", "jobs")
-    _folder(args.out)
+    check_counts(args, "runs", "jobs")
+    make_folder(args.out)
     from ground.derivative import report
 
-    path = args.out / "study.json"
-    document = _held(path)
-    document["seed"] = args.seed
-    try:
-        for part in PARTS:
-            if part in args.parts:
-                document[part] = _fly(part, args)
-                path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-                print("\n".join(report.lines(part, document[part])), flush=True)
-    except KeyboardInterrupt:
-        print("\nstopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
+    parts = [part for part in PARTS if part in args.parts]
+    document, stopped = fly_parts(args.out, args.seed, parts, lambda part: _fly(part, args), report.lines)
+    if stopped:
         return STOPPED
     if not args.no_figures:
         from ground.derivative import figures, study
@@ -136,14 +108,6 @@ def _study(args: argparse.Namespace) -> int:
     return 1 if missed else 0
 
 
-def _held(path: Path) -> dict[str, Any]:
-    try:
-        held = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (OSError, ValueError) as error:
-        raise OperatorError(f"{path}: cannot be read ({error}); remove it") from None
-    return held if isinstance(held, dict) else {}
-
-
 def _fly(part: str, args: argparse.Namespace) -> dict[str, Any]:
     from flightsw.kernels.registry import warm_up
     from ground.derivative import monitor, study
@@ -153,7 +117,7 @@ def _fly(part: str, args: argparse.Namespace) -> dict[str, Any]:
     if part == "paper":
         return study.paper_part(args.seed, runs)
     folder = args.out / (f"{part}-quick" if args.quick else part)
-    with _progress(part, runs) as advance:
+    with progress(part, runs) as advance:
         if part == "monitor":
             return monitor.monitor_part(folder, args.seed, runs, advance, jobs=args.jobs, chunk_runs=4)
         how: dict[str, Any] = {"peer_python": args.peer_python, "jobs": args.jobs, "chunk_runs": 1}
@@ -161,12 +125,12 @@ def _fly(part: str, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _tune(args: argparse.Namespace) -> int:
-    _positive(args, "runs", "trials")
+    check_counts(args, "runs", "trials")
     from flightsw.kernels.registry import warm_up
     from ground.derivative import tuning
 
     warm_up()
-    with _progress("tune", args.trials) as advance:
+    with progress("tune", args.trials) as advance:
         found, shares = tuning.tune(args.seed, args.runs, args.trials, advance)
     for word, model in zip(("quiet", "turning", "jumping"), found.models, strict=True):
         print(f"{word:8} order {model.order} q {model.q:.3g} stay {model.stay_s:.3g} s, entered {model.enter:.3g}")
@@ -179,7 +143,7 @@ def _track(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if value is not None and not (math.isfinite(value) and low <= value <= high):
             raise OperatorError(f"--{name} {value}: give {low:g} to {high:g}")
-    _folder(args.out)
+    make_folder(args.out)
     from ground.derivative import track_file
 
     positions = track_file.read(args.file, args.sigma)
@@ -207,37 +171,6 @@ def _track(args: argparse.Namespace) -> int:
 
 def _ledger(args: argparse.Namespace) -> int:
     from ground.derivative import ledger
+    from ground.studies import paper_ledger
 
-    document = _held(args.study)
-    lacking = [part for part in ledger.NEEDED if part not in document]
-    if lacking:
-        raise OperatorError(
-            f"{args.study}: has no {' and '.join(lacking)}; run ground derivative study --parts {' '.join(lacking)}"
-        )
-    text, failing = ledger.render(document)
-    if failing:
-        print("ground derivative ledger: not written, measurements and verdicts disagree:")
-        print("\n".join(failing))
-        return 1
-    try:
-        args.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OperatorError(f"--out {args.out}: cannot be written: {error.strerror}") from error
-    print(f"{args.out}: {len(ledger.CLAIMS)} claims")
-    return 0
-
-
-def _progress(label: str, total: int) -> Any:
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def bar() -> Any:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=Console(file=sys.stderr), transient=True) as progress:
-            task = progress.add_task(label, total=total)
-            yield lambda count: progress.advance(task, count)
-
-    return bar()
+    return paper_ledger.write("derivative", ledger, args.study, args.out)

@@ -5,26 +5,12 @@ A claim judges itself: where a study does not bear its verdict, the ledger is no
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from ground.studies import paper_ledger
+from ground.studies.paper_ledger import CONTRADICTED, QUALIFIED, REPRODUCED, Claim, Study
 
-Study = dict[str, Any]
-NEEDED = ("paper", "scenario")
-REPRODUCED, QUALIFIED, CONTRADICTED = "REPRODUCED", "QUALIFIED", "CONTRADICTED"
+NEEDED: tuple[str, ...] = ("paper", "scenario")
 _STUDY = "tests/unit/test_derivative_study.py"
 _CONDITION = "tests/unit/test_derivative_conditioning.py"
-
-
-class Claim(NamedTuple):
-    """One claim. `ours` puts the measurement in words, `holds` says whether it bears the verdict."""
-
-    claim: str
-    where: str
-    paper: str
-    ours: Callable[[Study], str]
-    verdict: str
-    holds: Callable[[Study], bool]
-    test: str  # file::function
 
 
 def _condition(study: Study, n: int) -> dict[str, float]:
@@ -179,14 +165,8 @@ be true. Misprints: the printed transition matrix has powers of rho and of the s
 
 def render(study: Study) -> tuple[str, list[str]]:
     """The ledger in Markdown, and the claims whose verdict this study does not bear, in words."""
-    failing = [f"{one.verdict} does not hold: {one.claim}: {one.ours(study)}" for one in CLAIMS if not one.holds(study)]
-    lines = ["| claim of the paper | where | the paper's figure | ours | verdict | test |", "|" + "---|" * 6]
-    for one in CLAIMS:
-        path, _, name = one.test.partition("::")
-        cells = (one.claim, one.where, one.paper, one.ours(study), f"**{one.verdict}**", f"[`{name}`](../{path})")
-        lines.append(f"| {' | '.join(cells)} |")
     tail = (
-        f"\nMeasured on {study['scenario']['runs']} runs that no tuning saw. Again: `ground derivative study --parts "
-        "paper scenario`, then `ground derivative ledger`.\n"
+        f"Measured on {study['scenario']['runs']} runs that no tuning saw. Again: `ground derivative study --parts "
+        "paper scenario`, then `ground derivative ledger`."
     )
-    return f"{_HEAD}\n" + "\n".join(lines) + "\n" + tail, failing
+    return paper_ledger.rendered(_HEAD, CLAIMS, study, tail)

@@ -19,6 +19,7 @@ LONGEST = 400
 LONG_FILES: dict[str, str] = {}
 
 ENVIRONMENT_ROOTS = {
+    "ground/crosslink/command.py": "one thread for products of small matrices, said before numpy is imported",
     "flightsw/kernels/kernel_cache.py": (
         "keys the kernel cache where kernels are declared: a root that forgot to would fly stale machine code "
         "(docs/adr/0001)"

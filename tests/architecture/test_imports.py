@@ -120,6 +120,7 @@ RULES = (
             "flightsw.crosslink",
             "flightsw.gnss",
             "flightsw.derivative",
+            "flightsw.rooms",
             "enum",
             "flightsw.records",
             "flightsw.modes",

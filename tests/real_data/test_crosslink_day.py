@@ -47,7 +47,7 @@ def test_r03_is_wrong_all_day_and_says_it_is_healthy(day: GlonassDay) -> None:
 def test_the_network_monitor_finds_r03_and_nobody_else(day: GlonassDay) -> None:
     """GIVEN the first forty minutes with simulated ranges of 11.8 m WHEN flown THEN R03 alone is excluded, while it
     says it is healthy and is 20 m off."""
-    settings = real_day.settings_of(day, True, 11.8)
+    settings = real_day.settings_of(day, real_day.SPREAD, 11.8)
     found = real_day.fly_day(day, settings, stop_s=2400.0)
     assert [one["satellite"] for one in found["findings"]] == ["R03"]
     (one,) = found["findings"]

@@ -173,6 +173,56 @@ def test_without_exchange_the_own_monitors_go_on() -> None:
     assert bench.state["own_state"] == FAULT
 
 
+def _kept(bench: Bench, wanted: np.ndarray) -> None:
+    """Leave only the wanted links (m,) in the epoch that the bench has filled."""
+    epoch = bench.memory.epoch
+    rows = np.flatnonzero(wanted)
+    for name in ("receiver", "sender", "range_m"):
+        epoch[name][0, : len(rows)] = epoch[name][0, rows].copy()
+    epoch["links"] = len(rows)
+
+
+def test_who_is_monitored() -> None:
+    """GIVEN all links, those without satellite 8's, those with three left of it, the own ones, and none WHEN judged
+    THEN monitored are all; all but 8; the same, as three links leave it a direction; the own satellite; nobody."""
+    everyone = (1 << WALKER.total) - 1
+    for case, expected in (
+        ("all", everyone),
+        ("none of 8", everyone & ~(1 << 8)),
+        ("three of 8", everyone & ~(1 << 8)),
+        ("own", 1 << 5),
+        ("nothing", 0),
+    ):
+        bench = Bench(seed=12, own=5, directions=False)
+        bench.put(0.0)
+        m = int(bench.memory.epoch["links"][0])
+        ends = np.stack((bench.memory.epoch["receiver"][0, :m], bench.memory.epoch["sender"][0, :m]))
+        of_8, of_5 = (ends == 8).any(axis=0), (ends == 5).any(axis=0)
+        few = of_8 & (np.cumsum(of_8) <= 3)
+        wanted = {
+            "all": of_8 | True,
+            "none of 8": ~of_8,
+            "three of 8": ~of_8 | few,
+            "own": of_5,
+            "nothing": of_8 & False,
+        }
+        _kept(bench, wanted[case])
+        monitor_epoch(*bench.memory.arguments())
+        assert bench.verdict["monitored"] == expected, case
+
+
+def test_a_message_that_copies_another_satellites_is_named() -> None:
+    """GIVEN that satellite 3 broadcasts the place of satellite 4, to which its distance then is zero WHEN judged THEN
+    it is named, and nothing becomes NaN."""
+    bench = Bench(seed=3)
+    bench.put(0.0)
+    epoch = bench.memory.epoch
+    epoch["r_m"][0, 3], epoch["v_mps"][0, 3] = epoch["r_m"][0, 4], epoch["v_mps"][0, 4]
+    monitor_epoch(*bench.memory.arguments())
+    assert bench.verdict["named"] >> 3 & 1
+    assert np.isfinite(bench.memory.network["statistic"][0]).all()
+
+
 def test_an_unhealthy_neighbour_is_left_out() -> None:
     """GIVEN a neighbour that says it is unhealthy and is wrong WHEN judged alone THEN the own satellite is clear."""
     bench = Bench(seed=13)

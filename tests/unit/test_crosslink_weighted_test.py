@@ -60,10 +60,12 @@ def columns(*satellites: int) -> list[int]:
     return [4 * satellite + k for satellite in satellites for k in range(4)]
 
 
-@pytest.mark.parametrize("directions", [True, False])
-def test_statistics_are_likelihood_ratios(directions: bool) -> None:
-    """GIVEN an epoch with a fault WHEN judged THEN each statistic is the fall of the weighted sum of squares."""
+@pytest.mark.parametrize(("directions", "dropout"), [(True, 0.0), (False, 0.0), (True, 0.3)])
+def test_statistics_are_likelihood_ratios(directions: bool, dropout: float) -> None:
+    """GIVEN an epoch with a fault, of links once, both ways, or here and there one way only, WHEN judged THEN each
+    statistic is the fall of the weighted sum of squares."""
     bench = Bench(directions=directions, faulty_max=1)
+    object.__setattr__(bench.ranging, "dropout", dropout)
     bench.faults = [jump(6, 1, 35.0)]
     bench.step()
     a, s, r = dense(bench)

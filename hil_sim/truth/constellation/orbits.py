@@ -16,6 +16,8 @@ from hil_sim.truth.hermite import HermiteTrack
 MU_M3PS2 = 3.986004418e14
 GLONASS_SEMI_MAJOR_AXIS_M = 25_508_000.0
 GLONASS_INCLINATION_DEG = 64.8
+_NS = 1_000_000_000
+_BLOCK_S = 60
 
 
 class Constellation(Protocol):
@@ -94,13 +96,25 @@ class Tracks:
     def __init__(self, names: tuple[str, ...], tracks: list[HermiteTrack]) -> None:
         self.names = names
         self._tracks = tracks
+        self._block: tuple[int, np.ndarray, np.ndarray] | None = None  # whole seconds, computed so many at a time
 
     def states(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions (n,3) and velocities (n,3); NaN outside a satellite's nodes."""
-        t_ns = np.array([round(t_s * 1e9)], np.int64)
-        r, v = np.full((len(self.names), 3), np.nan), np.full((len(self.names), 3), np.nan)
+        t_ns = round(t_s * 1e9)
+        if t_ns % _NS:
+            r, v = self._states(np.array([t_ns], np.int64))
+            return r[0], v[0]
+        block, place = divmod(t_ns // _NS, _BLOCK_S)
+        if self._block is None or self._block[0] != block:
+            self._block = (block, *self._states((block * _BLOCK_S + np.arange(_BLOCK_S, dtype=np.int64)) * _NS))
+        return self._block[1][place].copy(), self._block[2][place].copy()
+
+    def _states(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (k,n,3) and velocities (k,n,3) at times (k,)."""
+        r = np.full((len(t_ns), len(self.names), 3), np.nan)
+        v = r.copy()
         for index, track in enumerate(self._tracks):
-            if track.t_first_ns <= t_ns[0] <= track.t_last_ns:
-                position, velocity = track.evaluate(t_ns)
-                r[index], v[index] = position[0], velocity[0]
+            known = (track.t_first_ns <= t_ns) & (t_ns <= track.t_last_ns)
+            if known.any():
+                r[known, index], v[known, index] = track.evaluate(t_ns[known])
         return r, v
