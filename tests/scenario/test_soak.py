@@ -56,6 +56,8 @@ table_set = "flight"
 gnss = "gnss"
 crosslink = "crosslink"
 velocity_check = "velocity_check"
+[flight.function_table.crosslink]
+silence_max_s = 12.5
 """
 
 
