@@ -32,7 +32,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
             "nominal",
             "paper_outage",
         ),
-        *("sentinel3a_outage", "single_frequency", "two_orbits", "unannounced_burn", "velocity_bias"),
+        *("sentinel3a_outage", "single_frequency", "soak", "two_orbits", "unannounced_burn", "velocity_bias"),
     ]
 
 
