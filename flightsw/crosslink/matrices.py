@@ -113,10 +113,7 @@ def near_diagonal(c, n, columns, out):
 
 @kernel
 def gram(c, n, columns, out):
-    """out = C'C, whole, of the n rows and the first `columns` columns of C; four rows at a time, as above.
-
-    Both triangles are summed: loops of one length from the first column on cost less than half of their work.
-    """
+    """out = C'C, whole, of the n rows and the first `columns` columns of C; four rows at a time, as above."""
     for a in range(columns):
         for b in range(columns):
             out[a, b] = 0.0
