@@ -62,17 +62,18 @@ sil: setup  ## fly the nominal scenario: two orbits, a GNSS outage, a verdict an
 # Lanes run beside one another: what one waits for, another computes. The longest, which also has what runs in real time,
 # goes first where processors are short; its output comes last, so that its summary is the last line. What is outside
 # flies with the kernels that it has compiled by then. Every lane runs even if another has failed.
+# The log of the plain lane is not named coverage.*: those files coverage deletes.
 test: setup  ## all tests: kernels with bounds checks, as plain Python with coverage, outside; beside them the rest
 	@mkdir -p $(OUT); \
 	$(MAKE) --no-print-directory test-default >$(OUT)/default.log 2>&1 & default=$$!; \
-	nice -n 5 $(MAKE) --no-print-directory test-coverage >$(OUT)/coverage.log 2>&1 & coverage=$$!; \
+	nice -n 5 $(MAKE) --no-print-directory test-coverage >$(OUT)/plain.log 2>&1 & coverage=$$!; \
 	trap 'kill $$default $$coverage 2>/dev/null' INT TERM; \
 	status=0; \
 	for lane in test-bounds test-outside; do \
 	  nice -n 5 $(MAKE) --no-print-directory $$lane || { echo "$$lane: FAILED"; status=1; }; \
 	done; \
 	wait $$coverage || { echo "test-coverage: FAILED"; status=1; }; \
-	cat $(OUT)/coverage.log; \
+	cat $(OUT)/plain.log; \
 	echo "== everything, as it flies"; \
 	tail -n +1 -f --pid=$$default $(OUT)/default.log & \
 	wait $$default || { wait; echo "test-default: FAILED"; status=1; }; \
