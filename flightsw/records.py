@@ -41,7 +41,7 @@ GNSS_PERIODIC = slice(14, 20)  # m, RTN: error with the period of the orbit; (in
 # Where a table's certificate holds, and its grade, in the units of icd/certificate.py; all zero without one.
 _BOX = (
     "grade altitude_min_km altitude_max_km certified_age_s f107_min f107_max fix_sigma_min_m fix_sigma_max_m "
-    "velocity_sigma_min_mps velocity_sigma_max_mps convergence_s burns"
+    "velocity_sigma_min_mps velocity_sigma_max_mps positions_alone convergence_s burns"
 )
 ENVELOPE = tuple("envelope_" + name for name in _BOX.split())
 

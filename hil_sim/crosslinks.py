@@ -69,21 +69,15 @@ class Pattern:
 
 
 class _Messages:
-    """Errors of what the satellites broadcast: a draw for every upload; uploads are staggered.
-
-    An error swings about zero as fast as its rate allows, so that at every age both it and its rate have the sigma that
-    the scenario names. Growing on at that rate it would be no healthy one after half an hour: 3 m, six sigma, radially.
-    """
+    """Errors of what the satellites broadcast: a draw for every upload; uploads are staggered."""
 
     def __init__(self, link: Crosslink, duration_s: float, rng: np.random.Generator) -> None:
         n = link.satellites
-        healthy = HealthyErrors(link.ephemeris_sigma_m, link.ephemeris_rate_mps, link.upload_s)
+        self._healthy = HealthyErrors(link.ephemeris_sigma_m, link.ephemeris_rate_mps, link.upload_s)
         uploads = int(duration_s / link.upload_s) + 2
         self._age_s = rng.random(n) * link.upload_s  # of the upload in force at the start
-        drawn = [healthy.draw(n, rng) for _ in range(uploads)]
+        drawn = [self._healthy.draw(n, rng) for _ in range(uploads)]
         self._bias, self._rate = np.array([one for one, _ in drawn]), np.array([one for _, one in drawn])
-        sigma, rate = np.array(link.ephemeris_sigma_m), np.array(link.ephemeris_rate_mps)
-        self._swing_radps = np.where(sigma > 0.0, rate / np.where(sigma > 0.0, sigma, 1.0), 0.0)
         self._upload_s = link.upload_s
 
     def at(self, t_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -92,10 +86,7 @@ class _Messages:
         upload = (total_s // self._upload_s).astype(np.int64)
         age_s = (total_s - upload * self._upload_s)[:, None]
         satellite = np.arange(len(upload))
-        angle = self._swing_radps * age_s
-        # sin(angle) / swing, also where the swing is zero
-        errors = self._bias[upload, satellite] * np.cos(angle)
-        errors += self._rate[upload, satellite] * age_s * np.sinc(angle / np.pi)
+        errors = self._healthy.at_age(self._bias[upload, satellite], self._rate[upload, satellite], age_s)
         return errors, upload, np.ones(len(upload), np.int64)
 
 

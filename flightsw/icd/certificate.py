@@ -61,9 +61,8 @@ CERTIFICATE = Schema(
         _real("fix_sigma_min_m", "m", 0.0, 1e6, "envelope: position sigma that fixes claim"),
         _real("fix_sigma_max_m", "m", 0.0, 1e6, "envelope: position sigma that fixes claim"),
         _real("velocity_sigma_min_mps", "m/s", 0.0, 1e4, "envelope: velocity sigma that fixes claim"),
-        _real(
-            "velocity_sigma_max_mps", "m/s", 0.0, 1e4, "envelope: the same; 0: fixes without velocity, and only these"
-        ),
+        _real("velocity_sigma_max_mps", "m/s", 0.0, 1e4, "envelope: the same; 0: no fixes with velocity"),
+        _whole("positions_alone", "0 no, 1 yes", 0, 1, "envelope: whether fixes without velocity are covered"),
         _real(
             "convergence_s",
             "s",

@@ -43,17 +43,18 @@ def note_fix(nav, table, t_gps_ns, sigma_m, sigma_mps):
     """An accepted fix: of a kind that was never proven, convergence begins anew after it.
 
     What it claims, largest axis [m, m/s]; sigma_mps is 0 where it brought no velocity, or none that was held against
-    the state. No campaign has flown a state made of positions alone, or of fixes better than its best.
+    the state. A state made of fixes of another kind than its campaign's, better ones too, was never put to the proof.
     """
     if not is_certified(table):
         return
     # written so that NaN is outside
-    covered = (
-        table.envelope_fix_sigma_min_m <= sigma_m
-        and sigma_m <= table.envelope_fix_sigma_max_m
-        and table.envelope_velocity_sigma_min_mps <= sigma_mps
-        and sigma_mps <= table.envelope_velocity_sigma_max_mps
-    )
+    if sigma_mps == 0.0:
+        covered = table.envelope_positions_alone != 0.0
+    else:
+        covered = (
+            table.envelope_velocity_sigma_min_mps <= sigma_mps and sigma_mps <= table.envelope_velocity_sigma_max_mps
+        )
+    covered = covered and table.envelope_fix_sigma_min_m <= sigma_m and sigma_m <= table.envelope_fix_sigma_max_m
     if not covered:
         nav.t_start_gps_ns = t_gps_ns + 1  # after the fix: it proves nothing, even where no time is asked for
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from datetime import date, timedelta
 from functools import lru_cache
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 
-from flightsw.icd.table_schema import FORCES
 from ground.errors import OperatorError
 from ground.tables.forces import packaged_space_weather
 
@@ -19,8 +20,10 @@ F107_RANGES_SFU = ((0.0, 100.0), (100.0, 170.0), (170.0, math.inf))
 # Days of the ensembles: measured space weather and Earth orientation, a solar cycle and a half and more.
 FIRST_DAY, LAST_DAY = date(1996, 1, 1), date(2025, 6, 30)
 _MEAN_DAYS = 81  # three solar rotations, backwards
-# A reading in the middle of a flare (655 sfu once) says nothing of the atmosphere, and the force table refuses it.
-_HIGHEST_SFU = next(field.maximum for field in FORCES.fields if field.name == "f107")
+# A radio burst at the hour of the reading (939 sfu once, between 143 and 167) heats no atmosphere, but the truth's
+# density model believes it. Bursts last a day at most; the sun's rotation changes a week's flux by less than this.
+_BURST = 1.35  # over the median of the week around
+_REACH_DAYS = (-1, 0, 1, 2)  # of the readings that the truth and flight take on a day
 
 
 class Cell(NamedTuple):
@@ -56,7 +59,10 @@ class Weather(NamedTuple):
 
 @lru_cache(maxsize=1)
 def weather() -> tuple[Weather, ...]:
-    """Every day of the ensembles with measured values, rising. Raises OperatorError where the file lacks them."""
+    """Every day of the ensembles with measured values and no radio burst near, rising.
+
+    Raises OperatorError where the file has none.
+    """
     path = packaged_space_weather()
     flux: dict[date, float] = {}
     ap: dict[date, float] = {}
@@ -68,18 +74,28 @@ def weather() -> tuple[Weather, ...]:
                     flux[at], ap[at] = float(row["F10.7_OBS"]), float(row["AP_AVG"])
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise OperatorError(f"{path}: not CelesTrak's SW-All.csv: {error}; install satkit-data anew") from None
+    bursts = bursts_of(flux)
     found = []
     for k in range((LAST_DAY - FIRST_DAY).days + 1):
         day = FIRST_DAY + timedelta(days=k)
         before = [flux[d] for back in range(1, _MEAN_DAYS + 1) if (d := day - timedelta(days=back)) in flux]
-        # the truth reads the days around, too: all of them must be there
-        if day not in ap or day + timedelta(days=2) not in flux or len(before) < _MEAN_DAYS:
+        read = [day + timedelta(days=days) for days in _REACH_DAYS]
+        if day not in ap or len(before) < _MEAN_DAYS or not all(d in flux and d not in bursts for d in read):
             continue
-        if flux[day - timedelta(days=1)] <= _HIGHEST_SFU:
-            found.append(Weather(day, flux[day - timedelta(days=1)], sum(before) / len(before), ap[day]))
+        found.append(Weather(day, flux[day - timedelta(days=1)], sum(before) / len(before), ap[day]))
     if not found:
         raise OperatorError(f"{path}: no measured days between {FIRST_DAY} and {LAST_DAY}; install satkit-data anew")
     return tuple(found)
+
+
+def bursts_of(flux: Mapping[date, float]) -> frozenset[date]:
+    """The days whose flux [sfu] a radio burst has spoilt: far above the median of the week around."""
+    found = set()
+    for day, value in flux.items():
+        week = [flux[d] for days in range(-3, 4) if (d := day + timedelta(days=days)) in flux]
+        if value > _BURST * median(week):
+            found.add(day)
+    return frozenset(found)
 
 
 @lru_cache(maxsize=len(F107_RANGES_SFU))

@@ -66,6 +66,7 @@ def summarise(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
         },
         "returns": {"worst_ratio": number(_max(figures["return_ratio"]))},
         "with_burns": violations(figures, figures["burns"] > 0),
+        "positions_alone": violations(figures, figures["positions_alone"] > 0),
         "nees_before": {
             "median": number(quantile(figures["nees_before"], 0.5)),
             "q95": number(quantile(figures["nees_before"], 0.95)),
@@ -195,9 +196,10 @@ def envelope(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
         "noise": ensemble.noise,
         "sigma_position_m": list(ensemble.sigma_position_m),
         "sigma_velocity_mps": [ensemble.velocity_to_position_ps * s for s in ensemble.sigma_position_m],
+        "positions_alone": ensemble.positions_alone_share > 0.0,
         "coloured_sigma_m": list(ensemble.coloured_sigma_m) if ensemble.noise == "coloured" else [0.0, 0.0],
         "periodic_sigma_m": list(ensemble.periodic_sigma_m) if ensemble.noise == "coloured" else [0.0, 0.0],
-        "fixes_before_s": float(figures["acquisition_s"].min()),
+        "fixes_before_s": float((figures["acquisition_s"] - figures["start_s"]).min()),
         "second_outage_after_s": ensemble.second_gap_s[0] if ensemble.second_share > 0.0 else None,
         "announced_burns_mps": list(ensemble.burn_dv_mps) if ensemble.burn_share > 0.0 else [0.0, 0.0],
     }

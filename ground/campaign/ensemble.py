@@ -55,8 +55,10 @@ class Ensemble:
     random_walk: tuple[float, float] = (1e-11, 1e-10)  # of its phase, s/sqrt(s)
     drift_walk: tuple[float, float] = (5e-10, 6.3e-10)  # of its drift, 1/sqrt(s): the worst TCXO that the tables allow
     pulse_jitter_ns: tuple[float, float] = (20.0, 100.0)
-    sigma_position_m: tuple[float, float] = (2.0, 15.0)
+    sigma_position_m: tuple[float, float] = (0.5, 15.0)
     velocity_to_position_ps: float = 0.01  # sigma of velocities by that of positions [1/s]
+    positions_alone_share: float = 0.25  # of runs whose receiver gives no velocity
+    positions_arc_s: float = 62.0  # of fixes that these need before there is a state; theirs are so many more
     coloured_sigma_m: tuple[float, float] = (2.0, 5.0)
     coloured_tau_s: tuple[float, float] = (200.0, 450.0)
     periodic_sigma_m: tuple[float, float] = (0.5, 2.0)
@@ -93,7 +95,8 @@ class Draw(NamedTuple):
     tree: dict[str, Any]
     weather: Weather
     area_to_mass_m2pkg: float
-    acquisition_s: float
+    start_s: float  # of fixes before there can be a state
+    acquisition_s: float  # these and those after
     outage_s: float
     drawn: dict[str, float]
 
@@ -134,7 +137,9 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
 
     period_s = 2.0 * math.pi * math.sqrt(axis_m**3 / MU_PAPER_M3PS2)
     acquisition = float(rng.choice(ensemble.acquisition_s))
-    acquisition_s = float(round(acquisition if acquisition > 0.0 else -acquisition * period_s))
+    alone = bool(rng.random() < ensemble.positions_alone_share)
+    start_s = ensemble.positions_arc_s if alone else 0.0
+    acquisition_s = start_s + float(round(acquisition if acquisition > 0.0 else -acquisition * period_s))
     drawn_s = float(round(_log(rng, ensemble.outage_s)))
     outage_s = drawn_s if outage_s is None else outage_s
     outages = [{"start_s": acquisition_s, "duration_s": outage_s}]
@@ -151,7 +156,7 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
     burns = _burns(ensemble, rng, acquisition_s, outage_s)
 
     sigma_m = _log(rng, ensemble.sigma_position_m)
-    gnss = {
+    gnss: dict[str, Any] = {
         "rate_hz": 1.0,
         "sigma_position_m": sigma_m,
         "sigma_velocity_mps": sigma_m * ensemble.velocity_to_position_ps,
@@ -164,6 +169,8 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
     }
     if ensemble.noise == "coloured":
         gnss |= coloured
+    if alone:
+        gnss["velocity"] = False
     oscillator = {
         "drift_ppm": float(rng.uniform(-ensemble.drift_ppm, ensemble.drift_ppm)),
         "random_walk": _log(rng, ensemble.random_walk),
@@ -205,6 +212,8 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
         "area_step": step,
         "sigma_position_m": sigma_m,
         "coloured_sigma_m": float(gnss.get("coloured_sigma_m", 0.0)),
+        "positions_alone": float(alone),
+        "start_s": start_s,
         "drift_ppm": oscillator["drift_ppm"],
         "second_outage": float(has_second),
         "burns": float(len(burns)),
@@ -212,7 +221,7 @@ def draw(ensemble: Ensemble, seeds: Seeds, run: int, table_set: str, outage_s: f
         "ap": weather.ap,
         "day": float(weather.day.toordinal()),
     }
-    return Draw(run, cell, tree, weather, area, acquisition_s, outage_s, drawn)
+    return Draw(run, cell, tree, weather, area, start_s, acquisition_s, outage_s, drawn)
 
 
 def _burns(ensemble: Ensemble, rng: np.random.Generator, acquisition_s: float, outage_s: float) -> list[dict[str, Any]]:

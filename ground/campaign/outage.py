@@ -26,7 +26,7 @@ from hil_sim.truth.interface import MU_PAPER_M3PS2
 
 TICK_NS = NS_PER_S
 LIMITS_M = (50.0, 2000.0)
-CONVERGED_S = 60.0  # of fixes, after which the bound is judged: no acquisition of an ensemble is shorter
+CONVERGED_S = 60.0  # of fixes from the start on, after which the bound is judged: no acquisition is shorter
 _ORIENTATION_DAYS = 30
 _NEES_STEP = 10
 
@@ -119,7 +119,7 @@ def measure(ensemble: Ensemble, drawn: Draw, world: flown.World, outputs: np.nda
     outside = np.ones(len(since_s), bool)
     for o in world.scenario.outage:
         outside &= ~((since_s >= o.start_s) & (since_s < o.start_s + o.duration_s))
-    integrated = outside & (since_s >= CONVERGED_S) & (outputs["mode"] == Mode.INTEGRATED)
+    integrated = outside & (since_s >= drawn.start_s + CONVERGED_S) & (outputs["mode"] == Mode.INTEGRATED)
     period_s = 2.0 * np.pi * np.sqrt(float(drawn.tree["orbit"]["semi_major_axis_m"]) ** 3 / MU_PAPER_M3PS2)
     before = np.flatnonzero(integrated & (since_s < lost))[-60:]
     returning = (since_s >= regained) & outside & ~integrated

@@ -69,7 +69,7 @@ class _World:
 
     def errors_m(self, t_s: float) -> np.ndarray:
         """Errors (n,4) at a time from the start."""
-        errors = self._bias + t_s * self._rate
+        errors = self.setting.errors.at_age(self._bias, self._rate, t_s)
         errors[list(self.fault.satellites)] += self.fault.error_m(t_s)
         return errors
 

@@ -51,7 +51,7 @@ _PAIRS = {
     "velocity_sigma_max_mps": (("velocity_sigma_mps", "sigma_velocity_mps"), 1),
 }
 _FILLED_IN = ("stimulus_sha256", "issued_gps_ns")
-_OPTIONAL = {"attempt": 1, "limits_m": ()}
+_OPTIONAL = {"attempt": 1, "limits_m": (), "positions_alone": 0}
 _MISSING = object()
 
 
@@ -122,7 +122,7 @@ def _convert(where: str, field: Field, value: Any) -> Any:
         if len(limits) > LIMITS or not all(_is_number(one) for one in limits):
             raise OperatorError(f"{where}: {value!r}: give up to {LIMITS} numbers [m]")
         return [float(one) for one in limits] + [0.0] * (LIMITS - len(limits))
-    if field.name == "burns" and isinstance(value, bool):
+    if field.name in ("burns", "positions_alone") and isinstance(value, bool):
         return int(value)
     if field.name == "burns" and isinstance(value, list) and all(_is_number(one) for one in value):
         return int(any(one > 0.0 for one in value))

@@ -46,6 +46,8 @@ def figures(runs: int, errors: float = 0.25) -> dict[str, np.ndarray]:
         "second_ratio": np.full(runs, np.nan),
         "return_ratio": np.full(runs, np.nan),
         "burns": np.zeros(runs),
+        "positions_alone": np.zeros(runs),
+        "start_s": np.zeros(runs),
         "nees_before": np.full(runs, 6.0),
         "outage_s": np.full(runs, 2000.0),
         "acquisition_s": np.full(runs, 6000.0),

@@ -27,6 +27,8 @@ def figures(runs: int) -> dict[str, np.ndarray]:
         "cell": np.arange(runs) % 12,
         "started": np.ones(runs, bool),
         "burns": np.zeros(runs),
+        "positions_alone": np.zeros(runs),
+        "start_s": np.zeros(runs),
         "acquisition_s": np.full(runs, 6000.0),
         "error_m": error,
         "bound_m": bound,

@@ -68,6 +68,34 @@ def test_a_run_depends_on_its_number_only() -> None:
     assert draw(Ensemble(), seeds.tuning(6), 17, "flight").tree["orbit"] != alone.tree["orbit"]
 
 
+def test_positions_alone_have_a_start_beside_their_acquisition(drawn) -> None:
+    """GIVEN the runs THEN a quarter have receivers without velocity, whose fixes come for the start and for as long as
+    others' besides."""
+    alone = [one for one in drawn if one.drawn["positions_alone"]]
+    assert 60 < len(alone) < 120
+    assert all(one.tree["gnss"]["velocity"] is False and one.start_s == 62.0 for one in alone)
+    assert min(one.acquisition_s for one in alone) == 122.0
+    others = [one for one in drawn if not one.drawn["positions_alone"]]
+    assert all(one.tree["gnss"].get("velocity", True) and one.start_s == 0.0 for one in others)
+    assert min(one.acquisition_s for one in others) == 60.0
+    assert min(one.drawn["sigma_position_m"] for one in drawn) < 0.6
+
+
+def test_a_radio_burst_is_no_weather() -> None:
+    """GIVEN the flux readings as published WHEN radio bursts are looked for THEN those that are known are found (939 sfu
+    on 7 March 2011, 707 on 9 September 2005), no day near one is flown, and a rise by the sun's rotation is none."""
+    start = date(2003, 10, 1)
+    rise = {start + timedelta(days=k): 100.0 * 1.15 ** min(k, 7) for k in range(20)}
+    assert cells.bursts_of(rise) == frozenset()
+    assert cells.bursts_of(rise | {start + timedelta(days=4): 400.0}) == {start + timedelta(days=4)}
+    flown = {day.day for day in cells.weather()}
+    for burst in (date(2011, 3, 7), date(2005, 9, 9)):
+        assert not flown & {burst + timedelta(days=k) for k in (-2, -1, 0, 1)}
+        assert {burst - timedelta(days=4), burst + timedelta(days=3)} <= flown | {date(2005, 9, 12)}
+    assert max(day.f107 for day in cells.weather()) < 340.0
+    assert 10_600 < len(flown) < 10_700
+
+
 def test_the_force_table_of_a_run_is_that_of_its_day(drawn) -> None:
     """GIVEN a run WHEN its force table is made without reading the space weather again THEN it is, field by field, what
     `ground table forces` builds for that day and satellite."""

@@ -81,6 +81,18 @@ def test_healthy_errors_are_those_of_table_2() -> None:
     np.testing.assert_allclose(drawn[1].std(axis=0), [0.0017, 0.0002, 0.0002, 0.0], rtol=0.01)
 
 
+@pytest.mark.parametrize("age_s", [1.0, 294.0, 900.0, 1800.0])
+def test_healthy_errors_stay_those_of_table_2(age_s: float) -> None:
+    """GIVEN errors and rates of the table at an upload WHEN they have aged THEN both still have its sigma, and at the
+    upload they change by the rate."""
+    healthy = HealthyErrors()
+    error_m, rate_mps = healthy.draw(200_000, np.random.default_rng(4))
+    aged, later = healthy.at_age(error_m, rate_mps, age_s), healthy.at_age(error_m, rate_mps, age_s + 0.01)
+    np.testing.assert_allclose(aged.std(axis=0), [0.5, 3.5, 3.5, 0.0], rtol=0.01)
+    np.testing.assert_allclose((later - aged).std(axis=0) / 0.01, [0.0017, 0.0002, 0.0002, 0.0], rtol=0.01)
+    np.testing.assert_allclose(healthy.at_age(error_m, rate_mps, 1e-3), error_m + 1e-3 * rate_mps, atol=1e-6)
+
+
 def test_a_common_rotation_keeps_distances() -> None:
     r, _ = WALKER.states(0.0)
     turned = r + CommonRotation(1e-6, (1.0, 2.0, 3.0), onset_s=5.0).displacement_m(5.0, r)

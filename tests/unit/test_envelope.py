@@ -89,7 +89,7 @@ def test_trusted_only_after_convergence() -> None:
         {"fix_sigma_min_m": 1.1},
         {"velocity_sigma_max_mps": 0.9},
         {"velocity_sigma_min_mps": 1.1},
-        {"velocity_sigma_min_mps": 0.0, "velocity_sigma_max_mps": 0.0},
+        {"velocity_sigma_max_mps": 0.0, "positions_alone": 1},
     ],
     ids=lambda outside: next(iter(outside)),
 )
@@ -181,13 +181,15 @@ def test_fixes_that_are_not_covered_begin_convergence_anew(claim: dict[str, floa
 
 def test_positions_alone_are_trusted_only_where_they_were_certified() -> None:
     """GIVEN the flight filter WHEN a receiver stops giving velocities THEN NOT_CERTIFIED while positions come alone and
-    20 s on; WHEN the certificate is one of positions alone THEN it is the velocities that are not covered."""
+    20 s on; WHEN the certificate is one of positions alone THEN it is the velocities that are not covered; WHEN of both
+    THEN trusted throughout."""
     with_velocity = fixes_every_second(0, 200, kepler())
     with_velocity["fix_has_velocity"][100:150] = 0
     with_velocity["fix_type"][100:150] = int(FixType.POSITION_3D)
     for changes, trusted in (
         ({}, [(90, 100), (171, 200)]),
-        ({"velocity_sigma_min_mps": 0.0, "velocity_sigma_max_mps": 0.0}, [(121, 150)]),
+        ({"velocity_sigma_max_mps": 0.0, "positions_alone": 1}, [(121, 150)]),
+        ({"positions_alone": 1}, [(90, 200)]),
     ):
         memory = flying_memory()
         bounds = {**WIDE, "fix_sigma_max_m": 20.0, **changes}

@@ -30,6 +30,18 @@ class HealthyErrors:
         drawn = rng.standard_normal((2, satellites, 4))
         return drawn[0] * np.array(self.sigma_m), drawn[1] * np.array(self.sigma_rate_mps)
 
+    def at_age(self, error_m: np.ndarray, rate_mps: np.ndarray, age_s: np.ndarray | float) -> np.ndarray:
+        """What errors (n,4) at the upload and their rates (n,4) have become at an age [s], a number or (n,1).
+
+        An error swings about zero as fast as its rate allows, so that at every age both it and its rate have the sigma
+        of the table. Growing on at that rate it would be no healthy one after half an hour: 3 m, six sigma, radially.
+        """
+        sigma_m, rate = np.array(self.sigma_m), np.array(self.sigma_rate_mps)
+        swing_radps = np.where(sigma_m > 0.0, rate / np.where(sigma_m > 0.0, sigma_m, 1.0), 0.0)
+        angle = swing_radps * age_s
+        # sin(angle) / swing, also where the swing is zero
+        return error_m * np.cos(angle) + rate_mps * age_s * np.sinc(angle / np.pi)
+
 
 @dataclass(frozen=True)
 class Fault:
