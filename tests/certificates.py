@@ -34,7 +34,7 @@ def record(table: TableImage, **changes: Any) -> np.ndarray:
         "fix_sigma_max_m": 10.0,
         "velocity_sigma_min_mps": 0.001,
         "velocity_sigma_max_mps": 0.2,
-        "positions_alone": 0,
+        "positions_alone": 1,
         "convergence_s": 600.0,
         "burns": 1,
         "limits_m": (50.0, 2000.0, 0.0, 0.0),

@@ -5,16 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-import flightsw
 from flightsw.icd.table_file import decode
-from flightsw.provenance import package_hash
-from ground.campaign import attempts, certificate, endurance, endurance_summary, executor, flown, seeds, store
+from ground.campaign import attempts, certificate, code, endurance, endurance_summary, executor, flown, seeds, store
 from ground.campaign.ensemble import Ensemble
 from ground.campaign.outage import Arrays, Flight
 from ground.errors import OperatorError
@@ -23,14 +20,6 @@ from ground.tables.build import build_navigation
 CERTIFICATE = "certificate.json"
 LONG, LONG_OUTAGES = "long", "long_outages.json"
 QUICK_RUNS, QUICK_LONG_RUNS = 48, 12
-_ROOT = Path(flightsw.__file__).resolve().parents[1]
-# beside flight itself: everything that makes the figures of a run, not what sums them up
-_SOURCES = (
-    "hil_sim/**/*.py",
-    "ground/tables/*.py",
-    *(f"ground/campaign/{name}.py" for name in ("arc", "cells", "ensemble", "flown", "outage", "seeds")),
-)
-_SOURCES_LONG = ("ground/campaign/endurance.py",)
 
 
 class Certified(NamedTuple):
@@ -42,14 +31,9 @@ class Certified(NamedTuple):
     targets: list[certificate.Target]
 
 
-@lru_cache(maxsize=2)
 def code_hash(long: bool = False) -> str:
     """SHA-256 over the code that flies, simulates and measures outages; long: those flown past the flag."""
-    digest = hashlib.sha256(package_hash().encode())
-    for pattern in _SOURCES + (_SOURCES_LONG if long else ()):
-        for path in sorted(_ROOT.glob(pattern)):
-            digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()
+    return code.hash_of("ground.campaign.endurance" if long else "ground.campaign.outage")
 
 
 def ensemble_of(table_set: str, quick: bool) -> Ensemble:

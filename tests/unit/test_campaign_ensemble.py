@@ -82,8 +82,9 @@ def test_positions_alone_have_a_start_beside_their_acquisition(drawn) -> None:
 
 
 def test_a_radio_burst_is_no_weather() -> None:
-    """GIVEN the flux readings as published WHEN radio bursts are looked for THEN those that are known are found (939 sfu
-    on 7 March 2011, 707 on 9 September 2005), no day near one is flown, and a rise by the sun's rotation is none."""
+    """GIVEN the flux readings as published WHEN radio bursts are looked for THEN those that are known are found (939
+    sfu on 7 March 2011, 707 on 9 September 2005), no day near one is flown, and a rise by the sun's rotation is none.
+    """
     start = date(2003, 10, 1)
     rise = {start + timedelta(days=k): 100.0 * 1.15 ** min(k, 7) for k in range(20)}
     assert cells.bursts_of(rise) == frozenset()
