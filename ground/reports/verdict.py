@@ -97,7 +97,11 @@ def _story(summary: Mapping[str, Any]) -> Iterator[str]:
     fix_m, own_m = _number(integrated, "fix_rms_m"), _number(integrated, "position_rms_m")
     ratio = f", {fix_m / own_m:.1f} times better than the fix" if fix_m and own_m else ""
     fixes = fix_words(summary.get("pseudoranges")) or f"fixes: {_metres(fix_m)}"
-    yield f"Flew {_duration(simulated_s)}. With GNSS the position was good to {_metres(own_m)} rms ({fixes}){ratio}."
+    if own_m is None:
+        yield f"Flew {_duration(simulated_s)}: too short to say how good the position was with GNSS ({fixes})."
+    else:
+        good = f"With GNSS the position was good to {_metres(own_m)} rms ({fixes}){ratio}."
+        yield f"Flew {_duration(simulated_s)}. {good}"
     outages = _outages(summary)
     if not outages:
         yield "GNSS was never lost."
@@ -142,7 +146,9 @@ def _table(summary: Mapping[str, Any]) -> list[str]:
     rows: list[tuple[str, str]] = [
         (
             "integrated error",
-            f"rms {_metres(_number(integrated, 'position_rms_m'))}, largest "
+            "not judged: it had not settled"
+            if _number(integrated, "position_rms_m") is None
+            else f"rms {_metres(_number(integrated, 'position_rms_m'))}, largest "
             f"{_metres(_number(integrated, 'position_max_m'))}, velocity rms "
             f"{_speed(_number(integrated, 'velocity_rms_mps'))}",
         ),

@@ -19,13 +19,16 @@ from ground.tuning import paper_report
 from ground.tuning.method import Bar, Effort, Tuned
 from ground.tuning.outages import Plan, fly
 from ground.tuning.paper_result import TABLE_1, Common, Result, Single
-from ground.tuning.paper_search import Problem, margin_of, refusals, solve
+from ground.tuning.paper_search import ROUNDS, Problem, common_row, refusals, solve
 from ground.tuning.recursion import PARAMETERS
 
 PHASES, QUICK_PHASES = 64, 16
 FREQUENCY = 0.003  # of epochs at which the statistical variant may break (22): the paper's 0.997
 SIGMAS_M = (1.0, 33.0)  # of the fixes, with 1 m/s: those that the ledger flies
-_HELD_OUT = 1_000_003  # added to the seed
+# Added to the seed, with the first start phase as share of the step between them. Others to hold on, with noise of
+# their own, and those that nothing was made from.
+_OTHERS = ((2_000_003, 0.0), (3_000_017, 0.25), (4_000_037, 0.75))
+_HELD_OUT = (1_000_003, 0.5)
 
 
 class Paper:
@@ -71,31 +74,28 @@ def measure(table_set: str, sigma_m: float, phases: int, seed: int, bar: Bar, fo
     """Tune with fixes of one quality. Raises OperatorError."""
     values = decode(build_navigation(table_set)).values
     limit_m = float(values["limit_m"][0])
-    with bar(f"flying outages, fixes of {sigma_m:g} m", 2 * phases) as advance:
-        seen = fly(Plan(table_set, sigma_m, phases, seed), folder, advance)
-        plan = Plan(table_set, sigma_m, phases, seed + _HELD_OUT, 180.0 / phases)
-        unseen = fly(plan, folder, advance)
+    with bar(f"flying outages, fixes of {sigma_m:g} m", (2 + len(_OTHERS)) * phases) as advance:
+        seen, unseen, *others = (
+            fly(Plan(table_set, sigma_m, phases, seed + added, share * 360.0 / phases), folder, advance)
+            for added, share in ((0, 0.0), _HELD_OUT, *_OTHERS)
+        )
     problem = Problem.of(seen.outages, limit_m, values, seen.row)
-    others = Problem.of(unseen.outages, limit_m, values, unseen.row)
+    held_out = Problem.of(unseen.outages, limit_m, values, unseen.row)
     try:
-        with bar(f"searching, fixes of {sigma_m:g} m", 4) as advance:
+        with bar(f"searching, fixes of {sigma_m:g} m", 2 + ROUNDS) as advance:
             one = problem.part(np.flatnonzero(problem.reached)[:1])
             phase = float(seen.plan.phase_deg[np.flatnonzero(problem.reached)[:1]][0])
             exact = _single(one, phase, 0.0)
             advance(1)
             statistical = _single(one, phase, FREQUENCY)
             advance(1)
-            margin = margin_of(problem)
-            advance(1)
-            found = solve(problem, margin, common=True)
-            advance(1)
+            beside = [Problem.of(one.outages, limit_m, values, one.row) for one in others]
+            margin, found = common_row(problem, beside, advance)
     except (ValueError, IndexError) as error:
         raise OperatorError(
             f"--set {table_set}, fixes of {sigma_m:g} m: {error or 'no error reaches the limit'}"
         ) from error
-    row = np.array([float(f"{value:.4g}") for value in found.row])  # as it will stand in the set
-    found = found._replace(row=row)
-    common = Common(found, margin, *_judged(problem, row), *_judged(others, row))
+    common = Common(found, margin, *_judged(problem, found.row), *_judged(held_out, found.row))
     return Result(sigma_m, seen, problem, exact, statistical, common, refusals(values, seen.row, TABLE_1))
 
 

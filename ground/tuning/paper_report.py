@@ -33,8 +33,8 @@ def lines(results: list[Result]) -> list[str]:
         found += ["", *[f"- Table 1 is refused: {reason}" for reason in one.table_1 or ["no"]]]
         found += [_single("exact", exact), _single("by frequency", one.statistical)]
         found += [
-            f"- one row for all: asked for {common.margin:.3f} times the error (each half of the phases tuned on the "
-            f"other); {common.found.tried} rows tried",
+            f"- one row for all: asked for {common.margin:.3f} times the error, so that by three times as many other "
+            f"outages it is to hold on the unseen; {common.found.tried} rows tried last",
             "",
         ]
         found += table(

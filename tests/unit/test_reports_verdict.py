@@ -78,6 +78,15 @@ def test_a_run_that_lost_nothing_has_shown_nothing() -> None:
     assert judge(summary())[0] == "NO OUTAGE"
 
 
+def test_a_run_too_short_to_settle_says_so() -> None:
+    """GIVEN a run of four minutes THEN no error is quoted, and no "n/a" stands in a sentence."""
+    short = {"fix_rms_m": 14.8, "position_rms_m": None, "position_max_m": None, "velocity_rms_mps": None}
+    screen = render_verdict(summary(simulated_s=240.0, integrated=short)).replace("\u00a0", " ")
+    assert "too short to say how good the position was with GNSS (fixes: 14.8 m)" in " ".join(screen.split())
+    assert "not judged: it had not settled" in screen
+    assert "n/a" not in screen
+
+
 def test_one_bad_outage_among_good_ones_decides() -> None:
     word, reason = judge(summary(OUTAGE, OUTAGE | {"violations": 3}, OUTAGE))
 
