@@ -18,6 +18,7 @@ from ground.campaign.statistics import quantile, tightness, upper_limit
 AGE_BINS_S = ((0, 60), (60, 200), (200, 600), (600, 1200), (1200, 2001), (2001, 7200), (7200, 28_800), (28_800, 86_401))
 JUDGED_S = (60, 2001)  # ages whose tightness is judged
 SETTLED_S = 5000.0  # of fixes, about a revolution
+FINE_M = 2.0  # position sigma below which fixes are called fine
 FULL_RUNS, FULL_CELL_RUNS = 12_000, 1000
 POOLED_LIMIT, CELL_LIMIT = 0.003, 0.01
 MEAN_TIGHTNESS, WORST_TIGHTNESS, FLAG_SHARE = 1.5, 2.0, 0.70
@@ -66,7 +67,7 @@ def summarise(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
         },
         "returns": {"worst_ratio": number(_max(figures["return_ratio"]))},
         "with_burns": violations(figures, figures["burns"] > 0),
-        "positions_alone": violations(figures, figures["positions_alone"] > 0),
+        "fixes": _by_fixes(figures),
         "nees_before": {
             "median": number(quantile(figures["nees_before"], 0.5)),
             "q95": number(quantile(figures["nees_before"], 0.95)),
@@ -154,6 +155,23 @@ def _integrated(figures: Arrays) -> dict[str, Any]:
     }
 
 
+def _by_fixes(figures: Arrays) -> list[dict[str, Any]]:
+    """Violations by what receivers give: velocity or none, fine positions or coarse ones."""
+    alone, fine = figures["positions_alone"] > 0, figures["sigma_position_m"] < FINE_M
+    found = []
+    for kind, with_kind in (("with velocity", ~alone), ("positions alone", alone)):
+        for size, with_size in ((f"below {FINE_M:g} m", fine), (f"{FINE_M:g} m and more", ~fine)):
+            rows = with_kind & with_size
+            if rows.any():
+                of_kind = {name: values[rows] for name, values in figures.items()}
+                found.append(
+                    {"kind": f"{kind}, {size}", "integrated": _integrated(of_kind)}
+                    | violations(figures, rows)
+                    | {"worst_ratio": number(_max(figures["worst_ratio"][rows & figures["started"]]))}
+                )
+    return found
+
+
 def coverage(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
     """How many outages lie in each bin of phase, age, altitude and activity; bins without any are named."""
     axis_km = (EARTH_RADIUS_KM + figures["perigee_km"]) / (1.0 - figures["eccentricity"])
@@ -167,6 +185,7 @@ def coverage(ensemble: Ensemble, figures: Arrays) -> dict[str, Any]:
         "F10.7 [sfu]": (figures["f107"], np.array([60.0, 70, 85, 100, 130, 170, 200, 250, 501])),
         "ap": (figures["ap"], np.array([0.0, 4, 8, 15, 30, 50, 100, 401])),
         "fixes before [s]": (figures["acquisition_s"], np.array([0.0, 61, 301, 601, 1801, 7200, 20_000])),
+        "sigma of fixes [m]": (figures["sigma_position_m"], np.array([0.0, 1, 2, 4, 8, 15, 1000])),
     }
     found: dict[str, Any] = {}
     for name, (values, bounds) in edges.items():

@@ -73,7 +73,24 @@ def lines(document: dict[str, Any], targets: list[Target], pictures: list[Path])
         + [["floor", "", "", "", "", *[text(floor["tightness"].get(b)) for b in bins]]],
     )
     found += ["", f"The floor is a covariance known perfectly, at k = {floor['k']:.2f} (0.3 % of outages broken).", ""]
-    found += ["## Error (q0.997) and median bound [m]", ""]
+    found += ["## Kinds of fixes", ""]
+    found += table(
+        ["fixes, sigma", "outages", "violated", "limit", "worst", "INTEGRATED: violated", "revolutions", "worst"],
+        [
+            [
+                row["kind"],
+                str(row["outages"]),
+                str(row["violated"]),
+                f"{row['upper_limit_95']:.4f}",
+                text(row["worst_ratio"]),
+                str(row["integrated"]["violated"]),
+                f"{row['integrated']['orbits']:.0f}",
+                text(row["integrated"]["worst_ratio"]),
+            ]
+            for row in summary["fixes"]
+        ],
+    )
+    found += ["", "## Error (q0.997) and median bound [m]", ""]
     found += table(
         ["cell", *[f"{b} s" for b in bins]],
         [

@@ -47,6 +47,7 @@ def figures(runs: int, errors: float = 0.25) -> dict[str, np.ndarray]:
         "return_ratio": np.full(runs, np.nan),
         "burns": np.zeros(runs),
         "positions_alone": np.zeros(runs),
+        "sigma_position_m": np.full(runs, 5.0),
         "start_s": np.zeros(runs),
         "nees_before": np.full(runs, 6.0),
         "outage_s": np.full(runs, 2000.0),
@@ -83,6 +84,23 @@ def test_what_is_counted_is_what_was_put_in() -> None:
     assert judged["violated outages, all cells, 95 % limit"].met is False
     assert judged["mean tightness, 350-450 km, F10.7 < 100"].met is False
     assert judged["median T_flag / T at 50 m, 350-450 km, F10.7 < 100"].met is None
+
+
+def test_kinds_of_fixes_are_counted_apart() -> None:
+    """GIVEN 2400 outages, every fourth with positions alone, every third of them fine, two of those broken, one with
+    fixes WHEN summed up THEN each kind that was flown has its own counts, and together they are all."""
+    made = figures(2400)
+    made["positions_alone"][::4] = 1.0
+    made["sigma_position_m"][::12] = 0.7
+    made["violated"][[12, 24]] = True
+    made["integrated_broken"][36] = 5
+    kinds = certificate.summarise(ENSEMBLE, made)["fixes"]
+    assert [(one["kind"], one["outages"], one["violated"]) for one in kinds] == [
+        ("with velocity, 2 m and more", 1800, 0),
+        ("positions alone, below 2 m", 200, 2),
+        ("positions alone, 2 m and more", 400, 0),
+    ]
+    assert [one["integrated"]["violated"] for one in kinds] == [0, 1, 0]
 
 
 def test_time_to_flag_is_measured_where_both_are_reached() -> None:
