@@ -177,6 +177,6 @@ def _foretold(flown: Certified) -> Figure:
         for edge in (-FORETOLD_SHARE, FORETOLD_SHARE):
             panel.axhline(100.0 * edge, color=style.LIMIT, lw=1.0)
         panel.set(xscale="log", ylabel=f"{limit:g} m: off [%]")
-        panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     axes[-1].set_xlabel("age of the flag [s]")
     return figure
