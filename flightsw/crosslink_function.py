@@ -2,6 +2,10 @@
 
 It judges what the satellites broadcast, its own among them, and not what navigation knows: a wrong upload is wrong
 however well the satellite navigates (docs/adr/0018).
+
+The tick that completes an epoch takes it over, the next one judges it and says so; those after it look back, a step a
+tick, and say so where that has found something. An epoch that comes before the last one is through waits for nothing:
+what is left of that one is done at once.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flightsw.crosslink.majority import NO_VERDICT, UNRELIABLE
-from flightsw.crosslink.monitor import monitor_epoch
+from flightsw.crosslink.monitor import monitor_step
 from flightsw.crosslink.own import FAULT, SUSPECT
 from flightsw.crosslink.records import LINKS, SATELLITES
 from flightsw.crosslink.setup import MonitorMemory, Settings
@@ -80,6 +84,8 @@ class CrosslinkFunction:
         self.memory = MonitorMemory(self.settings)
         self.assembly = CrosslinkAssembly(table.values, services.assembly.rejected, self._now_gps_ns)
         self._arguments = self.memory.arguments()
+        self._left = self.memory.verdict["left"]
+        self._fresh = False  # an epoch was taken over and is not judged yet
         self._reader = RecordReader(self.memory.verdict)
         self._at = self._reader.at
         self._verdict: tuple[Any, ...] = self._reader.read()
@@ -106,18 +112,37 @@ class CrosslinkFunction:
         services.downlink.add(m.MAVLINK_MSG_ID_LEONAV_CROSSLINK, "status", self._send_message)
 
     def run(self) -> None:
-        """Judge the epoch that is complete, if one is; say so on the bus at once."""
+        """The next step of the epoch under way; what is judged is said on the bus at once."""
         self.happened = 0
         counter_ns = self._services.counter_ns()
+        judged = False
         if self.assembly.ready:
+            while self._fresh or self._left[0] > 0:
+                judged |= self._advance(counter_ns)
+            self.assembly.fill(self.memory.epoch)
+            self._fresh = True
+        elif self._fresh or self._left[0] > 0:
+            judged = self._advance(counter_ns)
+        if not judged and (self._note_silence(counter_ns, 0) or counter_ns - self._told_counter_ns >= _SILENCE_NS):
+            self._publish(counter_ns)
+        self._read_clock()
+        self._counter_ns = counter_ns
+
+    def _advance(self, counter_ns: int) -> bool:
+        """One step of the monitor; whether it was the judgement of an epoch."""
+        if self._fresh:
+            self._fresh = False
             self._judge()
             self._judged_counter_ns = counter_ns
             self._note_silence(counter_ns, int(self._verdict[self._at["monitored"]]))
             self._publish(counter_ns)
-        elif self._note_silence(counter_ns, 0) or counter_ns - self._told_counter_ns >= _SILENCE_NS:
+            return True
+        before = self._found()
+        monitor_step(*self._arguments, 0)
+        self._conclude()
+        if self._found() != before:
             self._publish(counter_ns)
-        self._read_clock()
-        self._counter_ns = counter_ns
+        return False
 
     def _note_silence(self, counter_ns: int, monitored: int) -> bool:
         """Alert the silence of satellites; monitored: mask of this tick's epoch. Whether one has just begun."""
@@ -152,19 +177,26 @@ class CrosslinkFunction:
 
     def _judge(self) -> None:
         memory = self.memory
-        self.assembly.fill(memory.epoch)
         t_gps_ns = int(memory.epoch["t_gps_ns"][0])
         if self._judged_gps_ns and not 0 < t_gps_ns - self._judged_gps_ns <= self._gap_max_ns:
             memory.history["since"] = memory.history["block"] + 1  # what was measured before the gap is of another time
-        monitor_epoch(*self._arguments)
+        monitor_step(*self._arguments, 1)
         self._judged_gps_ns = t_gps_ns
+        self._conclude()
+
+    def _found(self) -> tuple[Any, ...]:
+        verdict, at = self._verdict, self._at
+        return verdict[at["faulty"]], verdict[at["named"]], verdict[at["own_state"]]
+
+    def _conclude(self) -> None:
+        """Read the verdict as it is by now; alerts follow from it, silence apart."""
         self._verdict = verdict = self._reader.read()
         at = self._at
         faulty, named = int(verdict[at["faulty"]]), int(verdict[at["named"]])
         if verdict[at["own_peer"]] >= 0:
             self._peer = int(verdict[at["own_peer"]])
         own = int(verdict[at["own_state"]])
-        self.conditions = 0
+        self.conditions &= UNMONITORED | NEIGHBOUR_SILENT
         if own == FAULT or faulty & self._own_bit:
             self.conditions |= OWN_FAULT
         elif own == SUSPECT and not (self._peer >= 0 and faulty >> self._peer & 1):

@@ -49,8 +49,8 @@ def enter(history, epoch, residual_m, links, usable, axes_of, satellites, block_
         block = history["block"]
         if not math.isnan(value) and history["since"][receiver] <= block and history["since"][sender] <= block:
             pair = receiver * SATELLITES + sender
-            history["sum_m"][row, pair] += value
-            history["count"][row, pair] += 1.0
+            history["sum_m"][pair, row] += value
+            history["count"][pair, row] += 1.0
     history["epochs"] += 1
     if history["epochs"] >= block_epochs:
         history["epochs"] = 0
@@ -58,8 +58,8 @@ def enter(history, epoch, residual_m, links, usable, axes_of, satellites, block_
         history["onset"] = 0
         row = history["block"] % BLOCKS
         for pair in range(PAIRS):
-            history["sum_m"][row, pair] = 0.0
-            history["count"][row, pair] = 0.0
+            history["sum_m"][pair, row] = 0.0
+            history["count"][pair, row] = 0.0
         for satellite in range(SATELLITES):
             for i in range(3):
                 history["r_m"][row, satellite, i] = 0.0
@@ -106,19 +106,26 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
         first = max(first, now + onset_blocks)
         unit_s = 1.0
     pair = receiver * SATELLITES + sender
+    counts, sums = history["count"][pair], history["sum_m"][pair]
+    # a row of the history is a ring; dividing for every place in it would cost more than all the rest
+    start_row = first % BLOCKS
     total, mean = 0.0, 0.0
+    row = start_row
     for block in range(first, now):
-        n = history["count"][block % BLOCKS, pair]
+        n = counts[row]
         total += n
         if not level:
             mean += n * max(0.0, block + 0.5 - onset)
+        row = row + 1 if row < BLOCKS - 1 else 0
     if not (total > 0.0):
         return math.nan
     mean /= total
     spread = 0.0
+    row = start_row
     for block in range(first, now):
         t = 1.0 if level else max(0.0, block + 0.5 - onset) - mean
-        spread += history["count"][block % BLOCKS, pair] * t * t
+        spread += counts[row] * t * t
+        row = row + 1 if row < BLOCKS - 1 else 0
     if not (spread > 0.0):
         return math.nan
     test["receiver"][at], test["sender"][at] = receiver, sender
@@ -127,14 +134,15 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
             test["h"][at, end, k] = 0.0
             test["h_bias"][at, end, k] = 0.0
             test["h_rate"][at, end, k] = 0.0
+    scale = 1.0 / (spread * unit_s)
     estimate, weight, moment, ramp = 0.0, 0.0, 0.0, 0.0
     start = first
+    row = start_row
     for block in range(first, now):
-        row = block % BLOCKS
         t = 1.0 if level else max(0.0, block + 0.5 - onset)
-        share = (t - mean) / (spread * unit_s)
-        estimate += share * history["sum_m"][row, pair]
-        w = share * history["count"][row, pair]
+        share = (t - mean) * scale
+        estimate += share * sums[row]
+        w = share * counts[row]
         weight += w
         moment += w * (block + 0.5 - now) * block_s
         ramp += w * t * unit_s
@@ -145,6 +153,7 @@ def contrast_of(history, test, at, receiver, sender, onset_blocks, block_s, sigm
                 return math.nan
             start = block + 1
             weight, moment, ramp = 0.0, 0.0, 0.0
+        row = row + 1 if row < BLOCKS - 1 else 0
     test["noise_m2"][at] = sigma_range_m * sigma_range_m / (spread * unit_s * unit_s)
     return estimate
 

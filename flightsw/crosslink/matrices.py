@@ -68,23 +68,27 @@ def solve_upper_transposed(u, n, x, reach):
 
 
 @kernel
-def solve_upper_transposed_many(u, n, x, columns, reach):
-    """Solve U' Y = X in place for the n rows of X, over its first `columns` columns; rows four at a time."""
+def solve_upper_transposed_many(u, n, x, columns, reach, triangular):
+    """Solve U' Y = X in place for the n rows of X, over its first `columns` columns; rows four at a time.
+
+    triangular: X is lower triangular, its upper part zero, and so is Y.
+    """
     j = 0
     while j < n:
         width = min(4, n - j)
+        filled = min(columns, j + width) if triangular else columns
         end = 0
         for row_number in range(j, j + width):
             row = x[row_number]
             scale = 1.0 / u[row_number, row_number]
             end = max(end, reach[row_number])
-            for c in range(columns):
+            for c in range(filled):
                 row[c] *= scale
             for i in range(row_number + 1, j + width):
                 share = u[row_number, i]
                 if share != 0.0:
                     other = x[i]
-                    for c in range(columns):
+                    for c in range(filled):
                         other[c] -= share * row[c]
         if width == 4:
             x0, x1, x2, x3 = x[j], x[j + 1], x[j + 2], x[j + 3]
@@ -92,9 +96,19 @@ def solve_upper_transposed_many(u, n, x, columns, reach):
                 s0, s1, s2, s3 = u[j, k], u[j + 1, k], u[j + 2, k], u[j + 3, k]
                 if s0 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0:
                     other = x[k]
-                    for c in range(columns):
+                    for c in range(filled):
                         other[c] -= s0 * x0[c] + s1 * x1[c] + s2 * x2[c] + s3 * x3[c]
         j += width
+
+
+@kernel
+def invert_transposed(u, n, out, reach):
+    """Inverse of U', lower triangular, into the leading n x n block of `out`; U, reach as of `factor_upper`."""
+    for i in range(n):
+        for c in range(n):
+            out[i, c] = 0.0
+        out[i, i] = 1.0
+    solve_upper_transposed_many(u, n, out, n, reach, True)
 
 
 @kernel

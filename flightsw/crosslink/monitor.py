@@ -3,11 +3,16 @@
 All three read the same residuals and none waits for another. The paper's rule and the own-satellite monitor use the
 links of the own satellite alone; the network monitor every link that was exchanged. A satellite is excluded with the
 epoch that names it and taken in again after `clear_epochs` epochs in a row in which its links agree with all others.
+
+The epoch itself is judged in one step. The search for faults that grew slowly, and what no range can show, may wait:
+they follow in steps of their own, each as long as a tick can spare, and are done before the next epoch.
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from flightsw.crosslink.declare import ROOM, entry, kernel
 from flightsw.crosslink.geometry import link_residual
@@ -27,9 +32,11 @@ from flightsw.crosslink.records import (
     VERDICT,
     WORK,
 )
-from flightsw.crosslink.subspace import subspace
+from flightsw.crosslink.subspace import has_changed, subspace
 from flightsw.crosslink.weighted_test import evaluate, prepare
-from flightsw.kernels.registry import frozen_records, records
+from flightsw.kernels.registry import I8, frozen_records, records
+
+_LINKS_A_STEP = 128  # whose contrasts are made in one step
 
 
 @kernel
@@ -84,7 +91,7 @@ def _network(table, test, residual_m, state, history, verdict, work, slow):
     threshold = table["network_slow_threshold"] if slow else table["network_threshold"]
     for satellite in range(satellites):
         work["set"][satellite] = state["faulty"][satellite]
-    if not prepare(test, satellites, table["sigma_m"], table["sigma_rate_mps"]):
+    if not prepare(test, satellites, table["sigma_m"], table["sigma_rate_mps"], not slow):
         return -1.0, -1
     evaluate(test, residual_m)
     largest, statistic, quiet = -1, -1.0, True
@@ -123,17 +130,74 @@ def _monitored(table, network, exchanged, verdict):
 
 
 @kernel
-def _contrasts(table, epoch, history, test, work, onset_blocks):
-    """Growth of every pair of this epoch into rows of the test."""
-    kept = 0
-    for link in range(epoch["links"]):
+def _faulty(table, state, verdict):
+    """What is latched, into the verdict."""
+    mask = 0
+    for satellite in range(table["satellites"]):
+        if state["faulty"][satellite] != 0:
+            mask |= 1 << satellite
+    verdict["faulty"] = mask
+    verdict["majority_latched"] = state["majority"]
+    verdict["own_state"] = state["own_state"]
+
+
+@kernel
+def _judge(table, epoch, state, history, network, own, work, verdict):
+    """The epoch by itself, all three monitors; its residuals join the history. Leaves how many steps are to follow."""
+    satellites = table["satellites"]
+    verdict["t_gps_ns"] = epoch["t_gps_ns"]
+    verdict["named"] = 0
+    verdict["included"] = 0
+    local_axes(epoch, work["usable"], work["axes"], satellites)
+    begin_epoch(history, epoch, satellites)
+    own_links = _residuals(table, epoch, network, work)
+    links = network["links"]
+    verdict["links"], verdict["own_links"] = links, own_links
+    verdict["majority"] = majority(work["own_residual_m"], own_links, table["majority_threshold_m"])
+    latch_majority(table, state, verdict)
+    judged = own_verdict(table, epoch, network, own, work["residual_m"], work, verdict, False)
+    latch_own(table, state, history, judged, False)
+
+    exchanged = 0
+    for link in range(links):
+        if epoch["receiver"][link] != table["own"] and epoch["sender"][link] != table["own"]:
+            exchanged += 1
+    work["exchanged"] = exchanged
+    verdict["network_ready"] = 1 if exchanged > 0 else 0
+    verdict["network_statistic"], verdict["network_worst"] = -1.0, -1
+    work["subspace"] = 0
+    if exchanged > 0:
+        statistic, worst = _network(table, network, work["residual_m"], state, history, verdict, work, False)
+        verdict["network_statistic"], verdict["network_worst"] = statistic, worst
+        work["subspace"] = 1 if has_changed(network, state) else 0
+    verdict["monitored"] = _monitored(table, network, exchanged, verdict)
+
+    enter(history, epoch, work["residual_m"], links, work["usable"], work["axes"], satellites, table["block_epochs"])
+    verdict["slow_age_s"] = math.nan
+    verdict["own_slow_statistic"] = -1.0
+    verdict["network_slow_statistic"], verdict["network_slow_worst"] = -1.0, -1
+    verdict["left"] = work["subspace"]
+    if 0 <= history["onset"] < table["onsets"] and history["block"] > 1:
+        work["onset_blocks"] = table["onset_blocks"][history["onset"]]
+        history["onset"] += 1
+        work["contrasted"], work["kept"] = 0, 0
+        verdict["left"] += (links + _LINKS_A_STEP - 1) // _LINKS_A_STEP + 1
+    state["epochs"] += 1
+
+
+@kernel
+def _contrasts(table, epoch, history, test, work):
+    """Growth of some more pairs of this epoch into rows of the test."""
+    kept = work["kept"]
+    after = min(work["contrasted"] + _LINKS_A_STEP, epoch["links"])
+    for link in range(work["contrasted"], after):
         value = contrast_of(
             history,
             test,
             kept,
             epoch["receiver"][link],
             epoch["sender"][link],
-            onset_blocks,
+            work["onset_blocks"],
             table["block_epochs"] * table["epoch_s"],
             table["sigma_range_m"],
             table["two_way"] != 0,
@@ -142,7 +206,26 @@ def _contrasts(table, epoch, history, test, work, onset_blocks):
         if not math.isnan(value):
             work["contrast_m"][kept] = value
             kept += 1
-    test["links"] = kept
+    work["contrasted"], work["kept"] = after, kept
+
+
+@kernel
+def _look_back(table, epoch, state, history, network, own, work, verdict):
+    """One step of what follows an epoch: subspace, contrasts of some links, and last their test."""
+    verdict["left"] -= 1
+    if work["subspace"] != 0:
+        work["subspace"] = 0
+        subspace(table, network, work, verdict)
+    elif work["contrasted"] < epoch["links"]:
+        _contrasts(table, epoch, history, network, work)
+    else:
+        network["links"] = work["kept"]
+        verdict["slow_age_s"] = work["onset_blocks"] * table["block_epochs"] * table["epoch_s"]
+        judged = own_verdict(table, epoch, network, own, work["contrast_m"], work, verdict, True)
+        latch_own(table, state, history, judged, True)
+        if work["exchanged"] > 0:
+            statistic, worst = _network(table, network, work["contrast_m"], state, history, verdict, work, True)
+            verdict["network_slow_statistic"], verdict["network_slow_worst"] = statistic, worst
 
 
 def _declare(room):
@@ -155,64 +238,31 @@ def _declare(room):
         records(TEST),
         records(WORK),
         records(VERDICT),
+        I8,
     )
-    def monitor_epoch(tables, epochs, states, histories, networks, owns, works, verdicts):
-        """Judge one epoch; every argument is an array of one record. Allocates nothing; any content gives a verdict."""
+    def monitor_step(tables, epochs, states, histories, networks, owns, works, verdicts, fresh):
+        """Judge the epoch if it is fresh, otherwise take the next step that it waits for: verdict["left"] of them.
+
+        Every other argument is an array of one record. Allocates nothing; any content gives a verdict.
+        """
         table, epoch, state, history = tables[0], epochs[0], states[0], histories[0]
         network, own, work, verdict = networks[0], owns[0], works[0], verdicts[0]
-        satellites = table["satellites"]
-        verdict["t_gps_ns"] = epoch["t_gps_ns"]
-        verdict["named"] = 0
-        verdict["included"] = 0
-        local_axes(epoch, work["usable"], work["axes"], satellites)
-        begin_epoch(history, epoch, satellites)
-        own_links = _residuals(table, epoch, network, work)
-        links = network["links"]
-        verdict["links"], verdict["own_links"] = links, own_links
-        verdict["majority"] = majority(work["own_residual_m"], own_links, table["majority_threshold_m"])
-        latch_majority(table, state, verdict)
-        judged = own_verdict(table, epoch, network, own, work["residual_m"], work, verdict, False)
-        latch_own(table, state, history, judged, False)
-
-        exchanged = 0
-        for link in range(links):
-            if epoch["receiver"][link] != table["own"] and epoch["sender"][link] != table["own"]:
-                exchanged += 1
-        verdict["network_ready"] = 1 if exchanged > 0 else 0
-        verdict["network_statistic"], verdict["network_worst"] = -1.0, -1
-        if exchanged > 0:
-            statistic, worst = _network(table, network, work["residual_m"], state, history, verdict, work, False)
-            subspace(table, network, state, work, verdict)
-            verdict["network_statistic"], verdict["network_worst"] = statistic, worst
-        verdict["monitored"] = _monitored(table, network, exchanged, verdict)
-
-        enter(
-            history, epoch, work["residual_m"], links, work["usable"], work["axes"], satellites, table["block_epochs"]
-        )
-        verdict["slow_age_s"] = math.nan
-        verdict["own_slow_statistic"] = -1.0
-        verdict["network_slow_statistic"], verdict["network_slow_worst"] = -1.0, -1
-        if 0 <= history["onset"] < table["onsets"] and history["block"] > 1:
-            onset_blocks = table["onset_blocks"][history["onset"]]
-            verdict["slow_age_s"] = onset_blocks * table["block_epochs"] * table["epoch_s"]
-            history["onset"] += 1
-            _contrasts(table, epoch, history, network, work, onset_blocks)
-            judged = own_verdict(table, epoch, network, own, work["contrast_m"], work, verdict, True)
-            latch_own(table, state, history, judged, True)
-            if exchanged > 0:
-                statistic, worst = _network(table, network, work["contrast_m"], state, history, verdict, work, True)
-                verdict["network_slow_statistic"], verdict["network_slow_worst"] = statistic, worst
-        mask = 0
-        for satellite in range(satellites):
-            if state["faulty"][satellite] != 0:
-                mask |= 1 << satellite
-        verdict["faulty"] = mask
-        verdict["majority_latched"] = state["majority"]
-        verdict["own_state"] = state["own_state"]
-        state["epochs"] += 1
+        if fresh != 0:
+            _judge(table, epoch, state, history, network, own, work, verdict)
+        elif verdict["left"] > 0:
+            _look_back(table, epoch, state, history, network, own, work, verdict)
+        _faulty(table, state, verdict)
         state["code"] = room
 
-    return monitor_epoch
+    return monitor_step
 
 
-monitor_epoch = _declare(ROOM)
+monitor_step = _declare(ROOM)
+
+
+def monitor_epoch(*arguments: np.ndarray) -> None:
+    """An epoch with all its steps, for those who are in no hurry; arguments as of `monitor_step` but the last."""
+    left = arguments[-1]["left"]
+    monitor_step(*arguments, 1)
+    while left[0] > 0:
+        monitor_step(*arguments, 0)

@@ -55,7 +55,7 @@ def own_verdict(table, epoch, test, own, residual_m, work, verdict, slow):
     if not slow:
         verdict["own_statistic"], verdict["own_dof"], verdict["own_peer"] = -1.0, 0, -1
     # a few links cannot tell whose fault it is, but must not be silent: with one, everything is suspect
-    if kept == 0 or not prepare(own, peers + 1, table["sigma_m"], table["sigma_rate_mps"]):
+    if kept == 0 or not prepare(own, peers + 1, table["sigma_m"], table["sigma_rate_mps"], not slow):
         return NOT_JUDGED
     threshold = table["own_slow_threshold"] if slow else table["own_threshold"]
     judged, number = decide(own, own["column"], threshold, table["clear_threshold"])

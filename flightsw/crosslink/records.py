@@ -86,7 +86,14 @@ TEST = np.dtype(
         ("following", "i8", (2 * LINKS,)),
         ("reach", "i8", (LINKS,)),  # matrices.py
         ("factor", "f8", (LINKS, LINKS)),
-        ("white", "f8", (LINKS, COLUMNS)),  # sensitivities of rows, whitened
+        ("white", "f8", (LINKS, COLUMNS)),  # sensitivities of rows, whitened; W in information form
+        # information form: information.py
+        ("informed", "i8"),  # 1: the test is in that form
+        ("rows", "i8"),  # of W and z: there errors of healthy satellites, else links
+        ("information", "f8", (COLUMNS, COLUMNS)),
+        ("inverse", "f8", (COLUMNS, COLUMNS)),
+        ("shared", "i8", (COLUMNS,)),  # column of each error that healthy satellites broadcast
+        ("deviation", "f8", (COLUMNS,)),  # its standard deviation
         ("near", "f8", (PARAMETERS, COLUMNS)),  # of the gram matrix, what is near its diagonal
         ("whole", "i8"),  # 1: the gram matrix is there
         ("gram", "f8", (COLUMNS, COLUMNS)),
@@ -119,11 +126,11 @@ HISTORY = np.dtype(
         ("epochs", "i8"),  # in it
         ("since", "i8", (SATELLITES,)),  # first block of a satellite's present ephemeris
         ("issue", "i8", (SATELLITES,)),
-        ("sum_m", "f8", (BLOCKS, PAIRS)),
-        ("count", "f8", (BLOCKS, PAIRS)),
+        ("sum_m", "f8", (PAIRS, BLOCKS)),
+        ("count", "f8", (PAIRS, BLOCKS)),
         ("r_m", "f8", (BLOCKS, SATELLITES, 3)),
         ("axes", "f8", (BLOCKS, SATELLITES, 3, 3)),
-        ("onset", "i8"),  # next of the bank to be tried; -1: all tried since the last block was finished
+        ("onset", "i8"),  # next of the bank to be tried; -1: none before the first block is finished
     ],
     align=True,
 )
@@ -174,6 +181,7 @@ VERDICT = np.dtype(
         ("undetectable", "i8"),  # dimension of what no range can show: parameters - rank
         ("weakest", "i8"),  # satellite whose largest undetected jump is the worst, or -1
         ("weakest_m", "f8"),  # smallest jump in its weakest direction that is certain to be found [m]
+        ("left", "i8"),  # steps of `look_back` that this epoch still waits for
     ],
     align=True,
 )
@@ -185,6 +193,11 @@ WORK = np.dtype(
         ("usable", "i8", (SATELLITES,)),
         ("residual_m", "f8", (LINKS,)),
         ("contrast_m", "f8", (LINKS,)),
+        ("onset_blocks", "i8"),  # age that this epoch tries
+        ("contrasted", "i8"),  # links whose contrasts are made
+        ("kept", "i8"),  # of those, that have one
+        ("subspace", "i8"),  # 1: to be found anew
+        ("exchanged", "i8"),  # links that are not the own satellite's
         ("own_residual_m", "f8", (OWN_LINKS,)),
         ("peer", "i8", (SATELLITES,)),  # satellites of the own-satellite test, from its number 1
         ("position", "f8", (3,)),

@@ -138,7 +138,7 @@ class MonitorMemory:
         self.epoch["healthy"] = 1
 
     def arguments(self) -> tuple[np.ndarray, ...]:
-        """Arguments of `monitor_epoch`, in order."""
+        """Arguments of `monitor_epoch`, and of `monitor_step` but the last, in order."""
         return (
             self.table,
             self.epoch,

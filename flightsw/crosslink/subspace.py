@@ -65,11 +65,16 @@ def _longest(root, dof, vector, image):
 
 
 @kernel
-def subspace(table, test, state, work, verdict):
-    """Fill rank, parameters, undetectable dimension, weakest jump; anew when links have come or gone, and at times."""
-    if test["links"] == state["linked"] and state["epochs"] % _EVERY_EPOCHS != 0:
-        return
+def has_changed(test, state):
+    """Whether to look at the subspace anew: where links have come or gone, and at times."""
+    changed = test["links"] != state["linked"] or state["epochs"] % _EVERY_EPOCHS == 0
     state["linked"] = test["links"]
+    return changed
+
+
+@kernel
+def subspace(table, test, work, verdict):
+    """Fill rank, parameters, undetectable dimension, weakest jump."""
     satellites = table["satellites"]
     for satellite in range(satellites):
         work["found"][satellite] = 0

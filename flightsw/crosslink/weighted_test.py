@@ -8,7 +8,8 @@ takes the direction A_i out of everything else (Kay, Detection Theory, 1998, sec
 
 Where a pair of satellites measures both ways with the same noise, the test works on the sum and the difference of the
 two, each over sqrt 2: a rotation, which changes no statistic. Sums know positions alone and differences clocks alone,
-so that S falls into two blocks.
+so that S falls into two blocks. Where healthy errors are fewer than links and constant, S is not made at all
+(information.py).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from __future__ import annotations
 import math
 
 from flightsw.crosslink.declare import kernel
+from flightsw.crosslink.information import healthy_errors, prepare_information, weigh_information
 from flightsw.crosslink.matrices import (
     factor_upper,
     gram,
@@ -178,25 +180,43 @@ def _length(root, rank, g, at):
 
 
 @kernel
-def prepare(test, satellites, sigma_m, sigma_rate_mps):
-    """Make a test ready from its links, sensitivities and noise; False where the covariance is not positive definite.
-
-    sigma_m, sigma_rate_mps (4): of what a healthy satellite broadcasts.
-    """
+def _prepare_covariance(test, satellites, sigma_m, sigma_rate_mps):
+    """Rows of links, their covariance factored, sensitivities whitened; False where it is not positive definite."""
     links = test["links"]
-    columns = satellites * PARAMETERS
-    test["columns"] = columns
-    test["ready"], test["whole"] = 0, 0
-    if links == 0:
-        return False
     _rows(test)
     _ends(test, satellites, sigma_m, sigma_rate_mps)
     _covariance(test, satellites)
+    test["rows"] = links
     if not factor_upper(test["factor"], links, test["reach"]):
         return False
-    solve_upper_transposed_many(test["factor"], links, test["white"], columns, test["reach"])
-    near_diagonal(test["white"], links, columns, test["near"])
+    solve_upper_transposed_many(test["factor"], links, test["white"], test["columns"], test["reach"], False)
+    return True
+
+
+@kernel
+def prepare(test, satellites, sigma_m, sigma_rate_mps, constant):
+    """Make a test ready from its links, sensitivities and noise; False where the covariance is not positive definite.
+
+    sigma_m, sigma_rate_mps (4): of what a healthy satellite broadcasts. constant: its errors do not move, and show as a
+    fault does (h_bias is h, h_rate zero). Of the two forms the test then takes the smaller one.
+    """
+    columns = satellites * PARAMETERS
+    test["columns"] = columns
+    test["ready"], test["whole"] = 0, 0
+    if test["links"] == 0:
+        return False
+    test["informed"] = 1 if constant and healthy_errors(satellites, sigma_m) < test["links"] else 0
+    if test["informed"] != 0:
+        if not prepare_information(test, satellites, sigma_m):
+            return False
+    elif not _prepare_covariance(test, satellites, sigma_m, sigma_rate_mps):
+        return False
     near, block = test["near"], test["block"]
+    near_diagonal(test["white"], test["rows"], columns, near)
+    if test["informed"] != 0:
+        for offset in range(PARAMETERS):
+            for column in range(columns - offset):
+                near[offset, column] = test["information"][column, column + offset] - near[offset, column]
     for column in range(columns):
         test["diagonal"][column] = near[0, column]
     for satellite in range(satellites):
@@ -211,8 +231,8 @@ def prepare(test, satellites, sigma_m, sigma_rate_mps):
 
 
 @kernel
-def evaluate(test, residual_m):
-    """Fill z, g and every satellite's statistic from the residuals (links,) [m], none of them excluded."""
+def _weigh_covariance(test, residual_m):
+    """z: residuals (links,) [m] by rows, whitened. g: their products with the sensitivities."""
     links, columns = test["links"], test["columns"]
     z, g, white = test["z"], test["g"], test["white"]
     for row in range(links):
@@ -226,9 +246,18 @@ def evaluate(test, residual_m):
         row = white[link]
         for column in range(columns):
             g[column] += value * row[column]
-    for satellite in range(columns // PARAMETERS):
+
+
+@kernel
+def evaluate(test, residual_m):
+    """Fill g and every satellite's statistic from the residuals (links,) [m], none of them excluded."""
+    if test["informed"] != 0:
+        weigh_information(test, residual_m)
+    else:
+        _weigh_covariance(test, residual_m)
+    for satellite in range(test["columns"] // PARAMETERS):
         test["statistic"][satellite] = _length(
-            test["root"][satellite], test["dof"][satellite], g, satellite * PARAMETERS
+            test["root"][satellite], test["dof"][satellite], test["g"], satellite * PARAMETERS
         )
 
 
@@ -237,7 +266,11 @@ def restore(test):
     """Begin a search: nobody is excluded. What satellites share is needed from here on, and most epochs never do."""
     columns = test["columns"]
     if test["whole"] == 0:
-        gram(test["white"], test["links"], columns, test["gram"])
+        gram(test["white"], test["rows"], columns, test["gram"])
+        if test["informed"] != 0:
+            for a in range(columns):
+                for b in range(columns):
+                    test["gram"][a, b] = test["information"][a, b] - test["gram"][a, b]
         test["whole"] = 1
     for a in range(columns):
         test["g_left"][a] = test["g"][a]

@@ -17,6 +17,7 @@ import numpy as np
 
 from flightsw.crosslink.records import PARAMETERS
 from flightsw.crosslink.setup import MonitorMemory
+from ground.crosslink.judge import linear_functions
 from hil_sim.truth.constellation.glonass_day import GlonassDay
 
 ANOMALY = 4.5  # robust sigma: 48 uploads of 18 satellites in 8 directions reach it by chance once in 20 days
@@ -119,12 +120,11 @@ class Expected:
         self._epochs += 1
         if not test["ready"]:
             return
-        noise = np.array(test["noise_m2"])[test["first"][:links]]
-        upper = np.triu(np.array(test["factor"])[:links, :links])
-        gain = np.linalg.solve(upper, np.array(test["white"])[:links, : PARAMETERS * n])
-        gain = np.einsum("lnk,nik->lni", gain.reshape(links, n, PARAMETERS), np.array(test["root"])[:n])
-        covariance = np.einsum("lni,l,lnj->nij", gain, noise, gain)
         mean = np.einsum("nik,nk->ni", np.array(test["root"])[:n], np.array(test["g"])[: PARAMETERS * n].reshape(n, -1))
+        noise = np.array(test["noise_m2"])[:links]
+        # last of all: what the test holds of the epoch is lost with it
+        gain = linear_functions(self._memory.network, links, PARAMETERS * n).reshape(links, n, PARAMETERS)
+        covariance = np.einsum("lni,l,lnj->nij", gain, noise, gain)
         dof = np.array(test["dof"])[:n]
         for satellite in np.flatnonzero((dof > 0) & ~apart):
             threshold = float(self._thresholds[dof[satellite]])

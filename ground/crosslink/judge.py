@@ -151,11 +151,11 @@ class Judge:
         for k in range(PARAMETERS):
             self._sensitivity[PARAMETERS * receiver + k, np.arange(links)] = test["h"][:links, 0, k]
             self._sensitivity[PARAMETERS * sender + k, np.arange(links)] = test["h"][:links, 1, k]
-        self._network = _read(memory.network, links, PARAMETERS * n)
+        self._network = linear_functions(memory.network, links, PARAMETERS * n)
         self._sum = np.repeat(np.eye(n), PARAMETERS, axis=0)
         self._own_links = np.flatnonzero((receiver == own) | (sender == own))
         self._own_dof = int(memory.own["dof"][0, 0])
-        self._own = _read(memory.own, len(self._own_links), int(memory.own["columns"][0]))[:, :PARAMETERS]
+        self._own = linear_functions(memory.own, len(self._own_links), int(memory.own["columns"][0]))[:, :PARAMETERS]
         heard, start = _heard(memory)
         self._mine = heard[start[own] : start[own + 1]]
         dof = np.array(test["dof"])[:n]
@@ -189,7 +189,7 @@ def judge(memory: MonitorMemory, errors_m: np.ndarray, noise_m: np.ndarray) -> n
     return Judge(memory).judge(errors_m, noise_m)
 
 
-def _read(test: np.ndarray, links: int, columns: int) -> np.ndarray:
+def linear_functions(test: np.ndarray, links: int, columns: int) -> np.ndarray:
     """Linear functions (links, columns) of the residuals of a test made ready, as `_functions` computes them."""
     out = np.zeros((links, columns))
     _functions(test, np.eye(links), out, np.zeros(1, np.int64))

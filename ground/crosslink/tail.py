@@ -16,6 +16,7 @@ import numpy as np
 from flightsw.crosslink.records import PARAMETERS
 from flightsw.crosslink.setup import MonitorMemory
 from flightsw.crosslink.thresholds import chi2_quantile, chi2_tail
+from ground.crosslink.judge import linear_functions
 
 
 class Tail(NamedTuple):
@@ -30,12 +31,12 @@ def family_rate(memory: MonitorMemory, rng: np.random.Generator, samples: int = 
     """Rate per healthy epoch at which any satellite's statistic is beyond its threshold, in a monitor made ready."""
     test, table = memory.network[0], memory.table[0]
     links, n = int(test["links"]), int(table["satellites"])
-    white = np.array(test["white"])[:links]
     dof = np.array(test["dof"])[:n]
     threshold = np.array(table["network_threshold"])
     p = np.array([chi2_tail(threshold[d], int(d)) if d > 0 else 0.0 for d in dof])
-    roots = np.array(test["root"])[:n]
-    bases = [white[:, PARAMETERS * i : PARAMETERS * (i + 1)] @ roots[i].T for i in range(n)]  # orthonormal columns
+    functions = linear_functions(memory.network, links, PARAMETERS * n)
+    spread = np.linalg.cholesky(_covariance(memory))
+    bases = [spread.T @ functions[:, PARAMETERS * i : PARAMETERS * (i + 1)] for i in range(n)]  # orthonormal columns
     terms = np.empty(samples)
     for sample in range(samples):
         i = int(rng.choice(n, p=p / p.sum()))
@@ -49,3 +50,14 @@ def family_rate(memory: MonitorMemory, rng: np.random.Generator, samples: int = 
         terms[sample] = 1.0 / count
     total = float(p.sum())
     return Tail(total * float(terms.mean()), total * float(terms.std(ddof=1)) / math.sqrt(samples), total)
+
+
+def _covariance(memory: MonitorMemory) -> np.ndarray:
+    """Covariance (links, links) [m2] of an epoch's residuals, by its definition."""
+    test, table = memory.network[0], memory.table[0]
+    links, n = int(test["links"]), int(table["satellites"])
+    sensitivity = np.zeros((links, n, PARAMETERS))
+    for end, name in enumerate(("receiver", "sender")):
+        sensitivity[np.arange(links), np.array(test[name])[:links]] += np.array(test["h"])[:links, end]
+    shared = (sensitivity * np.array(table["sigma_m"])).reshape(links, -1)
+    return np.asarray(shared @ shared.T + np.diag(np.array(test["noise_m2"])[:links]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightsw.crosslink.matrices import factor_upper, gram, solve_upper_transposed_many
+from flightsw.crosslink.matrices import factor_upper, gram, invert_transposed, solve_upper_transposed_many
 
 SIZES = (1, 3, 4, 5, 8, 11, 17)
 
@@ -36,11 +36,17 @@ def test_blocks_of_four_rows_are_plain_algebra(n: int) -> None:
 
     x = np.random.default_rng(n + 100).standard_normal((room, 10)) * (np.arange(10) % 3 != 0)
     solved = x.copy()
-    solve_upper_transposed_many(factor, n, solved, columns, reach)
+    solve_upper_transposed_many(factor, n, solved, columns, reach, False)
     right = np.linalg.solve(wanted.T, x[:n, :columns])
     np.testing.assert_allclose(solved[:n, :columns], right, rtol=0.0, atol=1e-12)
     assert np.array_equal(solved[n:], x[n:])
     assert np.array_equal(solved[:, columns:], x[:, columns:])
+
+    inverse = np.full((room, room), np.nan)
+    invert_transposed(factor, n, inverse, reach)
+    np.testing.assert_allclose(inverse[:n, :n], np.linalg.inv(wanted.T), rtol=0.0, atol=1e-12)
+    assert not np.triu(inverse[:n, :n], 1).any()
+    assert np.isnan(inverse[n:]).all()
 
     out = np.full((10, 10), np.nan)
     gram(solved, n, columns, out)
