@@ -1,7 +1,9 @@
 """Which message goes down in which tick: a table of streams, by default at the rates of the navigation table.
 
-A stream is due when the tick's number is a multiple of its interval. SET_MESSAGE_INTERVAL and the parameters change
-intervals; HEARTBEAT and LEONAV_INTEGRITY cannot be switched off, because silence must not look like health.
+A stream is due when the tick's number less its offset is a multiple of its interval. State, integrity and protection
+levels go out in one tick; all others have an offset of their own, so that no tick bears what a second holds.
+SET_MESSAGE_INTERVAL and the parameters change intervals; HEARTBEAT and LEONAV_INTEGRITY cannot be switched off, because
+silence must not look like health.
 """
 
 from __future__ import annotations
@@ -69,11 +71,12 @@ class Told(Protocol):
 
 
 class _Stream:
-    __slots__ = ("default_ticks", "group", "interval_ticks", "message_id", "send")
+    __slots__ = ("default_ticks", "group", "interval_ticks", "message_id", "offset", "send")
 
-    def __init__(self, message_id: int, group: str, default_ticks: int, send: Callable[[], None]) -> None:
+    def __init__(self, message_id: int, group: str, offset: int, default_ticks: int, send: Callable[[], None]) -> None:
         self.message_id = message_id
         self.group = group
+        self.offset = offset
         self.default_ticks = self.interval_ticks = default_ticks
         self.send = send
 
@@ -104,13 +107,19 @@ class Downlink:
             (m.MAVLINK_MSG_ID_LEONAV_TABLE_STATUS, "table", self.table_status),
             (m.MAVLINK_MSG_ID_LEONAV_TIME_TO_FLAG, "status", self._time_to_flag),
         )
-        self._streams = [_Stream(number, group, rates[group], send) for number, group, send in senders]
-        self._by_id = {stream.message_id: stream for stream in self._streams}
+        self._streams: list[_Stream] = []
+        self._by_id: dict[int, _Stream] = {}
+        for message_id, group, send in senders:
+            self._add(message_id, group, rates[group], send)
 
     def add(self, message_id: int, group: str, send: Callable[[], None]) -> None:
         """One more message, at the rate of a group, after those there are."""
         like = next(stream for stream in self._streams if stream.group == group)
-        stream = _Stream(message_id, group, like.default_ticks, send)
+        self._add(message_id, group, like.default_ticks, send)
+
+    def _add(self, message_id: int, group: str, ticks: int, send: Callable[[], None]) -> None:
+        offset = 0 if group == "nav" else sum(stream.group != "nav" for stream in self._streams)
+        stream = _Stream(message_id, group, offset, ticks, send)
         self._streams.append(stream)
         self._by_id[message_id] = stream
 
@@ -122,7 +131,7 @@ class Downlink:
         """Send what is due in this tick."""
         tick = self._told.tick
         for stream in self._streams:
-            if stream.interval_ticks and tick % stream.interval_ticks == 0:
+            if stream.interval_ticks and (tick - stream.offset) % stream.interval_ticks == 0:
                 stream.send()
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
