@@ -52,13 +52,13 @@ def compare(rounds: int = 60) -> list[Rate]:
     table["gravity_model"], table["integrator"] = gravity.J2, integrators.EULER
     work["R"][0] = np.diag(np.repeat(_ROW[3:] ** 2, 3))
     field = ensemble.Field(float(table["mu_m3ps2"][0]), float(table["j2"][0]), 6_378_136.3, _POLE)
-    few, many = 2 * LANES, 16 * LANES
+    few, many = 2 * LANES, 64 * LANES
     x0, p0 = np.zeros((many, 9)), np.tile(np.diag(np.repeat([100.0, 1.0, 1e-6], 3)), (many, 1, 1))
     x0[:, 0], x0[:, 4], x0[:, 5] = 6_878_136.3, 3800.0, 6580.0
     ways = {
         "lanes, one thread": (few, 200, 1),
-        "lanes, one thread, 256 arcs": (many, EPOCHS, 1),
-        "lanes, two threads, 256 arcs": (many, EPOCHS, 2),
+        f"lanes, one thread, {many} arcs": (many, EPOCHS, 1),
+        f"lanes, two threads, {many} arcs": (many, EPOCHS, 2),
     }
     least = dict.fromkeys([*ways, "flight's kernels, one arc"], math.inf)
     for turn in range(rounds):

@@ -87,8 +87,8 @@ def draw(epochs: int = EPOCHS) -> Arc:
     return Arc(x0, _P0, truth[1:] + noise, np.array([1.0, 0.01, 1e-6]), _SIGMA**2, mu)
 
 
-def flight() -> Doing:
-    """Flight's own kernels, the tuning row as the arc's noise."""
+def flight(at_a_time: int = EPOCHS) -> Doing:
+    """Flight's own kernels, the tuning row as the arc's noise; so many steps to a call from Python."""
     registry.warm_up()
     table = np.zeros(1, TABLE)
     values = decode(build_navigation("paper")).values
@@ -101,8 +101,9 @@ def flight() -> Doing:
             table[name][0, 0] = value
         table["mu_m3ps2"] = arc.mu_m3ps2
         work["R"][0] = np.diag(arc.variance)
-        x, p = arc.x0.copy(), arc.p0.copy()
-        _arc(table, arc.z, np.array([0.0, 0.0, 1.0]), x, p, work, out)
+        x, p, pole = arc.x0.copy(), arc.p0.copy(), np.array([0.0, 0.0, 1.0])
+        for first in range(0, len(arc.z), at_a_time):
+            _arc(table, arc.z[first : first + at_a_time], pole, x, p, work, out)
         return x, p
 
     return do
@@ -203,6 +204,7 @@ def compare(rounds: int = 7, epochs: int = EPOCHS) -> list[Way]:
     with tempfile.TemporaryDirectory() as folder:
         ways: dict[str, Doing | None] = {
             "flight": flight(),
+            "flight, a call a step": flight(1),
             "C translation": c_translation(Path(folder)),
             "NumPy, out=": numpy_out,
             "NumPy, plain": numpy_plain,

@@ -17,6 +17,7 @@ from ground.tuning.lanes_step import LANES, SIZE, STATES, move, transit_euler, u
 from ground.tuning.wide import SOURCES, entry, scratch, wide
 
 _BLOCKS = types.Array(types.float64, 3, "C")
+_SHARES = 8  # of a thread
 
 
 def _declare(sources):
@@ -68,13 +69,15 @@ def fly(
     """States (L, 9) [m, m/s, m/s2] and covariances (L, 9, 9) after so many steps without a fix.
 
     x0 (L, 9), p0 (L, 9, 9) at the last fix; row (5,) of (17), in the order of recursion.PARAMETERS. Threads share the
-    arcs in whole groups of lanes; the kernel holds no lock.
+    arcs in whole groups of lanes, several shares each, so that one that is held up does not keep the others waiting;
+    the kernel holds no lock.
     """
     x0, p0 = np.ascontiguousarray(x0, float), np.ascontiguousarray(p0, float)
     row, pole = np.ascontiguousarray(row, float), np.ascontiguousarray(field.pole, float)
     x_out, p_out = np.empty_like(x0), np.empty_like(p0)
     j2_m2 = field.j2 * field.radius_m * field.radius_m
-    each = LANES * math.ceil(len(x0) / (LANES * threads))
+    shares = 1 if threads == 1 else _SHARES * threads
+    each = LANES * math.ceil(len(x0) / (LANES * shares))
 
     def share(first: int) -> None:
         part = slice(first, first + each)
