@@ -121,11 +121,12 @@ def _special(found: dict[str, Any]) -> list[str]:
 
 
 def _speed(found: dict[str, Any]) -> list[str]:
-    text = ["microseconds an epoch, least / median / 99 %; median of the processor's own time:"]
+    text = ["microseconds an epoch, least / median / 99 %; the processor's own time, median, and 99 % of a step:"]
     for name, one in found.items():
         if name != "load":
             times = " / ".join(f"{one[key]:.0f}" for key in ("least_us", "median_us", "p99_us"))
-            text.append(f"  {name}: {one['links']} links, {times}; {one['processor_us']:.0f}")
+            own = f"{one['processor_us']:.0f}, {one['judged_us']:.0f} to the verdict, a step {one['step_p99_us']:.0f}"
+            text.append(f"  {name}: {one['links']} links, {times}; {own}")
     return [*text, f"  load of the machine {found['load']:.1f}"]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flightsw.crosslink.monitor import monitor_epoch
+from flightsw.crosslink.monitor import monitor_epoch, monitor_step
 from flightsw.crosslink.setup import MonitorMemory
 from ground.crosslink.scene import Setting, ready
 
@@ -18,8 +18,9 @@ _HISTORY = 1210  # epochs before them: the search for slow faults has all its bl
 
 
 def measure(setting: Setting, epochs: int = _EPOCHS) -> dict[str, Any]:
-    """Microseconds an epoch, by kind: links, least, median, 99 %, and the median of the processor's own time, which
-    others on the machine do not lengthen; and the load of the machine meanwhile."""
+    """Microseconds an epoch, by kind: links, least, median, 99 %; of the processor's own time, which others on the
+    machine do not lengthen, the median of the whole, that of the judgement, and what 99 % of all steps stay below; and
+    the load of the machine meanwhile."""
     found: dict[str, Any] = {}
     for name, both in (("one way, once", False), ("one way, both", True)):
         memory, pairs = ready(replace(setting, both=both), 0.0)
@@ -35,15 +36,21 @@ def measure(setting: Setting, epochs: int = _EPOCHS) -> dict[str, Any]:
 
 
 def _timed(memory: MonitorMemory, links: int, epochs: int) -> dict[str, float]:
-    arguments = memory.arguments()
+    arguments, left = memory.arguments(), memory.verdict["left"]
     for _ in range(_HISTORY):
         memory.epoch["links"] = links
         monitor_epoch(*arguments)
-    took_us, own_us = np.empty(epochs), np.empty(epochs)
+    took_us, own_us, judged_us = np.empty(epochs), np.empty(epochs), np.empty(epochs)
+    steps_us: list[float] = []
     for epoch in range(epochs):
         memory.epoch["links"] = links
         before, own_before = perf_counter_ns(), thread_time_ns()
-        monitor_epoch(*arguments)
+        monitor_step(*arguments, 1)
+        judged_us[epoch] = (thread_time_ns() - own_before) / 1e3
+        while left[0] > 0:
+            step_before = thread_time_ns()
+            monitor_step(*arguments, 0)
+            steps_us.append((thread_time_ns() - step_before) / 1e3)
         own_us[epoch] = (thread_time_ns() - own_before) / 1e3
         took_us[epoch] = (perf_counter_ns() - before) / 1e3
     low, middle, high = np.quantile(took_us, (0.0, 0.5, 0.99))
@@ -53,4 +60,6 @@ def _timed(memory: MonitorMemory, links: int, epochs: int) -> dict[str, float]:
         "median_us": float(middle),
         "p99_us": float(high),
         "processor_us": float(np.median(own_us)),
+        "judged_us": float(np.median(judged_us)),
+        "step_p99_us": float(np.quantile([*judged_us, *steps_us], 0.99)),
     }
