@@ -54,7 +54,7 @@ class Sender:
             self.put(GNSS_RANGES.frame_id, **values)
 
     def epoch(self, index: int, rows: Sequence[Row], count: int | None = None) -> int:
-        """A whole epoch in the place of that of the world with this index; ticks until it was taken. Its time [ns]."""
+        """A whole epoch in the place of that of the world with this index; ticks until it was told. Its time [ns]."""
         flight, raw = self.flight, self.flight.world.raw
         assert raw is not None
         t_gps_ns, t_counter_ns = int(raw.t_gps_ns[index]), int(raw.t_counter_ns[index])
@@ -63,7 +63,8 @@ class Sender:
         self.ranges(t_gps_ns, rows)
         told = len(rows) if count is None else count
         self.put(GNSS_EPOCH.frame_id, t_gps_ns=t_gps_ns, t_counter_ns=t_counter_ns, count=told)
-        flight.tick(with_world=False)
+        flight.tick(with_world=False)  # solved
+        flight.tick(with_world=False)  # its levels, and all that is said of it
         return t_gps_ns
 
 
