@@ -105,22 +105,18 @@ def factor_row(work, columns, depth, i):
     """
     levels, source = work["levels"], work["reduced"][i]
     row = levels[depth]
+    scale = 1.0 / math.sqrt(work["diagonal"][i])
     for c in range(columns):
-        row[c] = source[c]
+        row[c] = scale * source[c]
     for c in range(RESIDUAL, SHIFT + AXES):
-        row[c] = source[c]
+        row[c] = scale * source[c]
     for d in range(depth):
         other = levels[d]
-        share = other[i]
+        share = scale * other[i]
         for c in range(columns):
             row[c] -= share * other[c]
         for c in range(RESIDUAL, SHIFT + AXES):
             row[c] -= share * other[c]
-    scale = 1.0 / math.sqrt(work["diagonal"][i])
-    for c in range(columns):
-        row[c] *= scale
-    for c in range(RESIDUAL, SHIFT + AXES):
-        row[c] *= scale
 
 
 @kernel

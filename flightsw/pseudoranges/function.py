@@ -46,7 +46,7 @@ class PseudorangeFunction:
     """The function of a table of kind `gnss`."""
 
     name = "pseudoranges"
-    budget_us = 5000.0  # 64 satellites with every pair a fault mode; 25 take a tenth of it
+    budget_us = 1000.0  # 64 satellites all faulty, or with every pair a fault mode, take half of it
 
     def __init__(self, table: TableImage, services: Services) -> None:
         record = table.values[0]
