@@ -209,8 +209,8 @@ def _level(work, modes, axis, allowed):
             low = level
         if not (high - low > _NEAR * high):
             break
-        # a little farther, to end above the root
-        level += risk / fall * math.log(risk / allowed) + 0.5 * _NEAR * level
+        if fall > 0.0:  # a little farther, to end above the root
+            level += risk / fall * math.log(risk / allowed) + 0.5 * _NEAR * level
         if step % 4 == 3 or not (low < level < high):
             level = 0.5 * (low + high)
     return high if high < _FARTHEST_M else math.inf

@@ -45,6 +45,7 @@ MODES = st.lists(st.tuples(powers(-14, -0.4), st.just(0.0) | powers(-2, 4), powe
 @example(0.5, [(1e-4, 2.0, 0.6)] * 30 + [(1e-8, 3.0, 0.8)] * 400, 1e-7)
 @example(0.5, [(1e-12, 1e4, 1e3), (1e-5, 2.0, 0.6)], 1e-7)
 @example(1.0, [(1e-3, 5000.0, 0.01)], 9e-4)
+@example(0.01, [(1e-12, 1e4, 1e3)], 1e-3)
 def test_the_level_is_the_root_of_the_risk(sigma_m: float, faults: list[Mode], allowed: float) -> None:
     """GIVEN any fault modes THEN the risk beyond the level is no more than allowed, and a hundred thousandth below it
     would be more than all but a ten thousandth of that.
