@@ -53,17 +53,29 @@ class Sender:
                 values |= {f"satellite_{k}": row.number, f"constellation_{k}": row.system}
             self.put(GNSS_RANGES.frame_id, **values)
 
-    def epoch(self, index: int, rows: Sequence[Row], count: int | None = None) -> int:
-        """A whole epoch in the place of that of the world with this index; ticks until it was taken. Its time [ns]."""
+    def wait(self, index: int) -> None:
+        """Tick until the epoch of the world with this index has been measured."""
         flight, raw = self.flight, self.flight.world.raw
         assert raw is not None
-        t_gps_ns, t_counter_ns = int(raw.t_gps_ns[index]), int(raw.t_counter_ns[index])
-        while flight.world.counter_ns(flight.k) <= t_counter_ns:
+        while flight.world.counter_ns(flight.k) <= int(raw.t_counter_ns[index]):
             flight.tick(with_world=False)
+
+    def whole(self, index: int, rows: Sequence[Row], count: int | None = None, later_ns: int = 0) -> int:
+        """A whole epoch in the place of that of the world with this index, or so much later. Its time [ns]."""
+        raw = self.flight.world.raw
+        assert raw is not None
+        t_gps_ns, t_counter_ns = int(raw.t_gps_ns[index]) + later_ns, int(raw.t_counter_ns[index]) + later_ns
         self.ranges(t_gps_ns, rows)
         told = len(rows) if count is None else count
         self.put(GNSS_EPOCH.frame_id, t_gps_ns=t_gps_ns, t_counter_ns=t_counter_ns, count=told)
-        flight.tick(with_world=False)
+        return t_gps_ns
+
+    def epoch(self, index: int, rows: Sequence[Row], count: int | None = None) -> int:
+        """Wait for it, then send a whole epoch, and tick until all is said of it. Its time [ns]."""
+        self.wait(index)
+        t_gps_ns = self.whole(index, rows, count)
+        self.flight.tick(with_world=False)  # solved
+        self.flight.tick(with_world=False)  # its levels
         return t_gps_ns
 
 

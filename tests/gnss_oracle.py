@@ -95,7 +95,7 @@ def protection_m(
     k_false_alarm: float,
     bias_m: float,
 ) -> float:
-    """Level [m] along an axis by solution separation, each mode solved anew, the root found by halving to 1 mm."""
+    """Level [m] along an axis by solution separation, each mode solved anew, the root found by halving to 1 um."""
     terms = []
     for prior, left_out in [(2.0, ()), *modes]:
         kept = [i for i in range(len(dense.rows)) if i not in left_out]
@@ -108,7 +108,7 @@ def protection_m(
         passed = max(k_false_alarm * math.sqrt(max(variance - whole, 0.0)), abs(float(axis @ step[:3])))
         terms.append((prior, passed + bias, math.sqrt(variance)))
     low, high = 0.0, 1e4
-    while high - low > 1e-3:
+    while high - low > 1e-6:
         level = 0.5 * (low + high)
         risk = sum(p * 0.5 * math.erfc((level - reach) / sigma / math.sqrt(2.0)) for p, reach, sigma in terms)
         low, high = (level, high) if risk > allowed else (low, level)

@@ -166,8 +166,13 @@ WORK = np.dtype(
         ("beam_mask", "i8", (2, BEAM)),
         ("beam_rss", "f8", (2, BEAM)),
         ("mode_p", "f8", (MODES,)),
+        ("mode_odds", "f8", (MODES,)),  # 2 ln (p / 2)
         ("mode_reach_m", "f8", (MODES, AXES)),
         ("mode_sigma_m", "f8", (MODES, AXES)),
+        # those that matter beyond the least level that one axis can have, one after the other
+        ("near_p", "f8", (MODES,)),
+        ("near_reach_m", "f8", (MODES,)),
+        ("near_sigma_m", "f8", (MODES,)),
     ],
     align=True,
 )

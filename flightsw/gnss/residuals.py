@@ -98,30 +98,51 @@ def begin(work, n):
 
 
 @kernel
-def take_out(work, n, depth, i):
-    """Take satellite i out as the depth-th; returns by how much RSS falls, or -1: nothing contradicts i any more."""
-    pivot = work["diagonal"][i]
-    if not (pivot > FLOOR):
-        return -1.0
+def factor_row(work, columns, depth, i):
+    """Row `depth` of the factor: satellite i, whose pivot is not zero, on top of those taken out before it.
+
+    columns: how many of the residual space are wanted; residual and shifts always are. Nothing else changes.
+    """
     levels, source = work["levels"], work["reduced"][i]
     row = levels[depth]
-    for c in range(n):
-        row[c] = source[c]
+    scale = 1.0 / math.sqrt(work["diagonal"][i])
+    for c in range(columns):
+        row[c] = scale * source[c]
     for c in range(RESIDUAL, SHIFT + AXES):
-        row[c] = source[c]
+        row[c] = scale * source[c]
     for d in range(depth):
         other = levels[d]
-        share = other[i]
-        for c in range(n):
+        share = scale * other[i]
+        for c in range(columns):
             row[c] -= share * other[c]
         for c in range(RESIDUAL, SHIFT + AXES):
             row[c] -= share * other[c]
-    scale = 1.0 / math.sqrt(pivot)
-    for c in range(RESIDUAL, SHIFT + AXES):
-        row[c] *= scale
-    diagonal, left, found = work["diagonal"], work["left"], row[RESIDUAL]
+
+
+@kernel
+def observed(work, depth, i):
+    """Whether the position can still be seen without satellite i, which nothing contradicts, and those taken out."""
+    # squared: a shift [m] per sigma, against the largest variance of the fix
+    largest = max(work["cofactor"][0, 0], max(work["cofactor"][1, 1], work["cofactor"][2, 2]))
+    for q in range(AXES):
+        rest = work["reduced"][i, SHIFT + q]
+        for d in range(depth):
+            rest -= work["levels"][d, i] * work["levels"][d, SHIFT + q]
+        if rest * rest > _UNSEEN * _UNSEEN * largest:
+            return False
+    return True
+
+
+@kernel
+def take_out(work, n, depth, i):
+    """Take satellite i out as the depth-th; returns by how much RSS falls, or -1: nothing contradicts i any more."""
+    diagonal, left = work["diagonal"], work["left"]
+    if not (diagonal[i] > FLOOR):
+        return -1.0
+    factor_row(work, n, depth, i)
+    row = work["levels"][depth]
+    found = row[RESIDUAL]
     for c in range(n):
-        row[c] *= scale
         diagonal[c] -= row[c] * row[c]
         left[c] -= row[c] * found
     diagonal[i] = 0.0
@@ -141,15 +162,8 @@ def take_out_all(work, n, mask):
             if fall >= 0.0:
                 rss -= fall
                 depth += 1
-            else:
-                for q in range(AXES):
-                    rest = work["reduced"][i, SHIFT + q]
-                    for d in range(depth):
-                        rest -= work["levels"][d, i] * work["levels"][d, SHIFT + q]
-                    # squared: a shift [m] per sigma, against the largest variance of the fix
-                    largest = max(work["cofactor"][0, 0], max(work["cofactor"][1, 1], work["cofactor"][2, 2]))
-                    if rest * rest > _UNSEEN * _UNSEEN * largest:
-                        seen = False
+            elif not observed(work, depth, i):
+                seen = False
     return rss, depth, seen
 
 

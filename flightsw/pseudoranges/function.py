@@ -1,15 +1,19 @@
-"""Pseudoranges before the filter: assemble an epoch, place its satellites, test, exclude, protect, offer the fix.
+"""Pseudoranges before the filter: assemble an epoch, place its satellites, test, exclude, offer the fix, protect.
 
-One epoch a second or so; a tick without one does nothing. The fix goes to navigation as that of a receiver which gives
-positions only: its gate judges it as any other. See docs/adr/0019-pseudoranges-before-the-filter.md.
+One epoch a second or so, in two ticks; a tick without one does nothing. In its own tick the epoch is solved and tested,
+and the fix goes to navigation as that of a receiver which gives positions only: its gate judges it as any other. In the
+next tick come its protection levels, and only then is anything said of the epoch, alerts included: whoever listens
+gets fix and levels of one epoch together, a tick later. Where the table holds fixes back by their levels, and where
+another epoch follows in the same tick, all is done at once. See docs/adr/0019-pseudoranges-before-the-filter.md.
 """
 
 from __future__ import annotations
 
 import math
 
-from flightsw.gnss.epoch import gnss_epoch
+from flightsw.gnss.fix import gnss_fix
 from flightsw.gnss.ionosphere import correct_ionosphere
+from flightsw.gnss.protection import gnss_levels
 from flightsw.gnss.records import CONSTELLATIONS, SATELLITES, Row, Verdict
 from flightsw.gnss.satellites import place_satellites
 from flightsw.gnss.setup import Memory
@@ -42,7 +46,7 @@ class PseudorangeFunction:
     """The function of a table of kind `gnss`."""
 
     name = "pseudoranges"
-    budget_us = 5000.0  # 64 satellites with every pair a fault mode; 25 take a tenth of it
+    budget_us = 1000.0  # 64 satellites all faulty, or with every pair a fault mode, take half of it
 
     def __init__(self, table: TableImage, services: Services) -> None:
         record = table.values[0]
@@ -56,7 +60,7 @@ class PseudorangeFunction:
         self._protects = settings.protect
         self._one_frequency = settings.iono_share > 0.0
         self._offer_untested = bool(record["offer_untested"])
-        self._hold_beyond = bool(record["hold_beyond_limit"])
+        self._holds = self._protects and bool(record["hold_beyond_limit"])
         self._floor_m = float(record["sigma_floor_m"])
         after, until = int(record["raise_epochs"]), int(record["clear_epochs"])
         self._latches = {
@@ -69,6 +73,7 @@ class PseudorangeFunction:
         self._of = tuple(self._latches.values())
         self.conditions = self.happened = 0
         self.judged = Judged()
+        self._waiting: Judged | None = None  # solved and offered; its levels are still to be made
         self.values = {
             int(AlertId.GNSS_EXCLUDED): lambda: float(_count(self.judged.excluded)),
             int(AlertId.GNSS_INCONSISTENT): self._ratio,
@@ -86,25 +91,29 @@ class PseudorangeFunction:
         self._raw.take_epoch(frame, self._services.counter_ns())
 
     def run(self) -> None:
-        """Judge the epochs that this tick has completed."""
+        """Conclude the epoch of the tick before, then solve what this one has completed; the last of it waits."""
         raw = self._raw
+        self._conclude()
         for index in range(raw.count):
-            self._judge(index)
+            self._solve(index)
+            if self._holds or index + 1 < raw.count:
+                self._conclude()
         raw.clear()
 
-    def _judge(self, index: int) -> None:
+    def _solve(self, index: int) -> None:
+        """From pseudoranges to a fix that is offered; levels only if that depends on them."""
         memory = self._memory
         place_satellites(memory.table, self._raws[index], self._raw.ephemerides, memory.epoch)
         self._start_from_prediction()
         if self._one_frequency:
             self._correct()
-        gnss_epoch(*self._arguments)
-        result = memory.result[0]
+        gnss_fix(*self._arguments)
+        if self._holds:
+            self._protect()
+        result, raw = memory.result[0], self._raw.raws[index]
         verdict = int(result["verdict"])
         used, excluded, refused = self._name_rows()
-        offered = self._offer(verdict, int(result["available"]), index, sum(mask.bit_count() for mask in used))
-        raw = self._raw.raws[index]
-        self.judged = Judged(
+        self._waiting = Judged(
             int(raw["t_gps_ns"]),
             int(raw["t_counter_ns"]),
             verdict,
@@ -114,14 +123,28 @@ class PseudorangeFunction:
             int(result["dof"]),
             float(result["statistic"]),
             float(result["threshold"]),
-            tuple(result["protection_m"].tolist()),
-            tuple(result["sigma_m"].tolist()),
-            int(result["available"]),
-            offered,
+            sigma_m=tuple(result["sigma_m"].tolist()),
+            offered=self._offer(verdict, index, sum(mask.bit_count() for mask in used)),
         )
+
+    def _protect(self) -> None:
+        memory = self._memory
+        gnss_levels(memory.table, memory.work, memory.result)
+
+    def _conclude(self) -> None:
+        """Levels of the epoch that waits for them, if one does; then it is the last judged, and is told."""
+        waiting = self._waiting
+        if waiting is None:
+            return
+        self._waiting = None
+        if not self._holds:
+            self._protect()
+        result = self._memory.result[0]
+        available = int(result["available"])
+        self.judged = waiting._replace(protection_m=tuple(result["protection_m"].tolist()), available=available)
         self.epochs += 1
-        self.offered += offered
-        self._note(verdict, int(result["available"]))
+        self.offered += waiting.offered
+        self._note(waiting.verdict, available)
         self._teller.publish(self._services.unix_ns(), self.judged)
 
     def _start_from_prediction(self) -> None:
@@ -141,7 +164,7 @@ class PseudorangeFunction:
         """Take the ionosphere off, as seen from the prediction; without one, from a fix with the ionosphere in it."""
         memory = self._memory
         if not memory.epoch["start_known"][0]:
-            gnss_epoch(*self._arguments)
+            gnss_fix(*self._arguments)
             if int(memory.result["verdict"][0]) > _INCONSISTENT:
                 return
             memory.epoch["start_known"], memory.epoch["start_m"] = 1, memory.result["r_m"]
@@ -165,7 +188,7 @@ class PseudorangeFunction:
                 refused += 1
         return tuple(used), tuple(excluded), refused
 
-    def _offer(self, verdict: int, available: int, index: int, satellites: int) -> int:
+    def _offer(self, verdict: int, index: int, satellites: int) -> int:
         """Hand the fix to navigation if it may be; 1 or 0.
 
         A level beyond the alert limit does not hold it back unless the table says so: sigma says how good the fix is
@@ -173,9 +196,9 @@ class PseudorangeFunction:
         """
         if not (verdict <= _EXCLUDED or (verdict == _UNTESTED and self._offer_untested)):
             return 0
-        if self._hold_beyond and self._protects and not available:
-            return 0
         result, raw = self._memory.result[0], self._raw.raws[index]
+        if self._holds and not result["available"]:
+            return 0
         clock_m = next((value for value in result["clock_m"].tolist() if math.isfinite(value)), math.nan)
         late_ns = clock_m / LIGHT_MPS * 1e9
         t_gps_ns = int(raw["t_gps_ns"])
