@@ -1,13 +1,14 @@
 """Which message goes down in which tick: a table of streams, by default at the rates of the navigation table.
 
 A stream is due when the tick's number less its offset is a multiple of its interval. State, integrity and protection
-levels go out in one tick; all others have an offset of their own, so that no tick bears what a second holds.
+levels go out in one tick; each other one in the tick with the fewest others, so that none bears what a second holds.
 SET_MESSAGE_INTERVAL and the parameters change intervals; HEARTBEAT and LEONAV_INTEGRITY cannot be switched off, because
 silence must not look like health.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -21,6 +22,7 @@ NEVER = 0
 ALWAYS_ON = (m.MAVLINK_MSG_ID_HEARTBEAT, m.MAVLINK_MSG_ID_LEONAV_INTEGRITY)
 _SLOWEST_ALWAYS_ON_US = 1_000_000
 _SLOWEST_US = 3_600_000_000
+_SPREAD_TICKS = 100
 
 
 class Prediction(NamedTuple):
@@ -118,10 +120,18 @@ class Downlink:
         self._add(message_id, group, like.default_ticks, send)
 
     def _add(self, message_id: int, group: str, ticks: int, send: Callable[[], None]) -> None:
-        offset = 0 if group == "nav" else sum(stream.group != "nav" for stream in self._streams)
+        offset = 0 if group == "nav" else self._emptiest(ticks)
         stream = _Stream(message_id, group, offset, ticks, send)
         self._streams.append(stream)
         self._by_id[message_id] = stream
+
+    def _emptiest(self, ticks: int) -> int:
+        """The first tick of an interval, or of its beginning, in which fewest of the streams there are go out."""
+        others = [(stream.offset, math.gcd(ticks, stream.default_ticks)) for stream in self._streams]
+        loads = [
+            sum((tick - offset) % often == 0 for offset, often in others) for tick in range(min(ticks, _SPREAD_TICKS))
+        ]
+        return loads.index(min(loads)) if loads else 0
 
     def fix(self) -> tuple[float, ...]:
         """The output record of the step that took the last fix, for functions beside navigation."""

@@ -62,6 +62,10 @@ class RawAssembly:
             self.raws[0] = self.raws[self.count]
         self.count = 0
 
+    def times(self, index: int) -> tuple[int, int]:
+        """Time of a complete epoch by the receiver, and by the onboard counter [ns]."""
+        return int(self._fields["t_gps_ns"][index]), int(self._fields["t_counter_ns"][index])
+
     def take_ranges(self, frame: bytearray) -> None:
         """One GNSS_RANGES frame, checked by the codec."""
         values = _RANGES.unpack(frame)

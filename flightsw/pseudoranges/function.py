@@ -14,7 +14,7 @@ import math
 from flightsw.gnss.fix import gnss_fix
 from flightsw.gnss.ionosphere import correct_ionosphere
 from flightsw.gnss.protection import gnss_levels
-from flightsw.gnss.records import CONSTELLATIONS, SATELLITES, Row, Verdict
+from flightsw.gnss.records import AXES, CONSTELLATIONS, SATELLITES, Row, Verdict
 from flightsw.gnss.satellites import place_satellites
 from flightsw.gnss.setup import Memory
 from flightsw.gnss.solution import LIGHT_MPS
@@ -28,6 +28,7 @@ from flightsw.pseudoranges.judged import Judged
 from flightsw.pseudoranges.latch import Latch
 from flightsw.pseudoranges.settings import settings_of
 from flightsw.pseudoranges.telling import Teller
+from flightsw.records_io import RecordReader
 from flightsw.services import Services
 
 _BEGINNING = int(Validity.STATE_VALID) | int(Validity.TIME_VALID)
@@ -73,7 +74,9 @@ class PseudorangeFunction:
         self._of = tuple(self._latches.values())
         self.conditions = self.happened = 0
         self.judged = Judged()
-        self._waiting: Judged | None = None  # solved and offered; its levels are still to be made
+        self._waiting: tuple[int, int, int] | None = None  # times and offered, of a fix whose levels are to be made
+        self._reader = RecordReader(self._memory.result)
+        self._at = self._reader.at
         self.values = {
             int(AlertId.GNSS_EXCLUDED): lambda: float(_count(self.judged.excluded)),
             int(AlertId.GNSS_INCONSISTENT): self._ratio,
@@ -110,22 +113,8 @@ class PseudorangeFunction:
         gnss_fix(*self._arguments)
         if self._holds:
             self._protect()
-        result, raw = memory.result[0], self._raw.raws[index]
-        verdict = int(result["verdict"])
-        used, excluded, refused = self._name_rows()
-        self._waiting = Judged(
-            int(raw["t_gps_ns"]),
-            int(raw["t_counter_ns"]),
-            verdict,
-            used,
-            excluded,
-            refused,
-            int(result["dof"]),
-            float(result["statistic"]),
-            float(result["threshold"]),
-            sigma_m=tuple(result["sigma_m"].tolist()),
-            offered=self._offer(verdict, index, sum(mask.bit_count() for mask in used)),
-        )
+        t_gps_ns, t_counter_ns = self._raw.times(index)
+        self._waiting = t_gps_ns, t_counter_ns, self._offer(t_gps_ns, t_counter_ns)
 
     def _protect(self) -> None:
         memory = self._memory
@@ -133,18 +122,33 @@ class PseudorangeFunction:
 
     def _conclude(self) -> None:
         """Levels of the epoch that waits for them, if one does; then it is the last judged, and is told."""
-        waiting = self._waiting
-        if waiting is None:
+        if self._waiting is None:
             return
+        t_gps_ns, t_counter_ns, offered = self._waiting
         self._waiting = None
         if not self._holds:
             self._protect()
-        result = self._memory.result[0]
-        available = int(result["available"])
-        self.judged = waiting._replace(protection_m=tuple(result["protection_m"].tolist()), available=available)
+        result, at = self._reader.read(), self._at
+        verdict, available = int(result[at["verdict"]]), int(result[at["available"]])
+        used, excluded, refused = self._name_rows(verdict, result[at["row_state"] : at["row_state"] + SATELLITES])
+        self.judged = Judged(
+            t_gps_ns,
+            t_counter_ns,
+            verdict,
+            used,
+            excluded,
+            refused,
+            int(result[at["dof"]]),
+            result[at["statistic"]],
+            result[at["threshold"]],
+            result[at["protection_m"] : at["protection_m"] + AXES],
+            result[at["sigma_m"] : at["sigma_m"] + AXES],
+            available,
+            offered,
+        )
         self.epochs += 1
-        self.offered += waiting.offered
-        self._note(waiting.verdict, available)
+        self.offered += offered
+        self._note(verdict, available)
         self._teller.publish(self._services.unix_ns(), self.judged)
 
     def _start_from_prediction(self) -> None:
@@ -170,13 +174,12 @@ class PseudorangeFunction:
             memory.epoch["start_known"], memory.epoch["start_m"] = 1, memory.result["r_m"]
         correct_ionosphere(memory.table, memory.epoch)
 
-    def _name_rows(self) -> tuple[tuple[int, ...], tuple[int, ...], int]:
+    def _name_rows(self, verdict: int, states: tuple[float, ...]) -> tuple[tuple[int, ...], tuple[int, ...], int]:
         """Masks of the satellites used and left out, and how many rows never came to the test."""
-        epoch, result = self._memory.epoch[0], self._memory.result[0]
+        epoch = self._memory.epoch[0]
         used, excluded, refused = [0] * CONSTELLATIONS, [0] * CONSTELLATIONS, 0
-        count = min(int(epoch["count"]), SATELLITES)
-        states = result["row_state"].tolist()[:count]
-        if int(result["verdict"]) > _INCONSISTENT:  # no solution: nothing was used
+        states = states[: min(int(epoch["count"]), SATELLITES)]
+        if verdict > _INCONSISTENT:  # no solution: nothing was used
             return tuple(used), tuple(excluded), sum(state > _LEFT_OUT for state in states)
         systems, numbers = epoch["constellation"].tolist(), epoch["satellite"].tolist()
         for state, system, number in zip(states, systems, numbers, strict=False):
@@ -188,26 +191,26 @@ class PseudorangeFunction:
                 refused += 1
         return tuple(used), tuple(excluded), refused
 
-    def _offer(self, verdict: int, index: int, satellites: int) -> int:
+    def _offer(self, t_gps_ns: int, t_counter_ns: int) -> int:
         """Hand the fix to navigation if it may be; 1 or 0.
 
         A level beyond the alert limit does not hold it back unless the table says so: sigma says how good the fix is
         when nothing is wrong, the gate and the bound work with that, and a poor geometry would become an outage.
         """
+        result, at = self._reader.read(), self._at
+        verdict = result[at["verdict"]]
         if not (verdict <= _EXCLUDED or (verdict == _UNTESTED and self._offer_untested)):
             return 0
-        result, raw = self._memory.result[0], self._raw.raws[index]
-        if self._holds and not result["available"]:
+        if self._holds and not result[at["available"]]:
             return 0
-        clock_m = next((value for value in result["clock_m"].tolist() if math.isfinite(value)), math.nan)
-        late_ns = clock_m / LIGHT_MPS * 1e9
-        t_gps_ns = int(raw["t_gps_ns"])
+        clocks_m = result[at["clock_m"] : at["clock_m"] + CONSTELLATIONS]
+        late_ns = next((value for value in clocks_m if math.isfinite(value)), math.nan) / LIGHT_MPS * 1e9
         if not abs(late_ns) < 1e12 or abs(t_gps_ns) > _LATEST_NS:
             return 0
-        covariance = result["covariance_m2"]
-        sigma = [max(math.sqrt(float(covariance[a, a])), self._floor_m) for a in range(3)]
+        covariance, r = at["covariance_m2"], at["r_m"]
+        sigma = [max(math.sqrt(result[covariance + 4 * a]), self._floor_m) for a in range(AXES)]  # of the diagonal
         self._services.assembly.put_position(
-            t_gps_ns - round(late_ns), int(raw["t_counter_ns"]), result["r_m"].tolist(), sigma, satellites
+            t_gps_ns - round(late_ns), t_counter_ns, result[r : r + AXES], sigma, int(result[at["used"]])
         )
         return 1
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
+from array import array
 from collections.abc import Callable
 
 import numpy as np
@@ -19,7 +20,6 @@ from flightsw.icd.enums import RejectCause
 
 MU_M3PS2 = 3.986004418e14
 NO_LINK = 255
-_LINKS_IN_FRAME = 5
 _RESTART_NS = 60_000_000_000  # an epoch so much older than the last is no late one: the terminal began anew
 _EPHEMERIS = struct.Struct(CROSSLINK_EPHEMERIS.struct_format)
 _RANGES = struct.Struct(CROSSLINK_RANGES.struct_format)
@@ -36,16 +36,24 @@ _OVERFLOW = int(RejectCause.RECEIVE_OVERFLOW)
 class _Pending:
     """Links of one epoch while they come in."""
 
-    __slots__ = ("accounted", "links", "range_m", "receiver", "seen", "sender", "t_gps_ns", "total")
+    __slots__ = ("accounted", "fields", "links", "range_m", "receiver", "seen", "sender", "t_gps_ns", "total")
 
     def __init__(self) -> None:
         self.t_gps_ns = -1  # -1: nothing is under way
         self.total = 0  # links announced
         self.accounted = 0  # links that have come, used or not
         self.links = 0
-        self.receiver = np.zeros(LINKS, np.int64)
-        self.sender = np.zeros(LINKS, np.int64)
-        self.range_m = np.zeros(LINKS)
+        # Python writes into these element by element, which an ndarray is slow at
+        self.receiver, self.sender = array("q", bytes(8 * LINKS)), array("q", bytes(8 * LINKS))
+        self.range_m = array("d", bytes(8 * LINKS))
+        self.fields = tuple(
+            (name, np.frombuffer(values, dtype))
+            for name, values, dtype in (
+                ("receiver", self.receiver, np.int64),
+                ("sender", self.sender, np.int64),
+                ("range_m", self.range_m, np.float64),
+            )
+        )
         self.seen = bytearray(SATELLITES * SATELLITES)
 
     def begin(self, t_gps_ns: int, total: int) -> None:
@@ -128,9 +136,7 @@ class CrosslinkAssembly:
             if pending.t_gps_ns >= 0:
                 self._drop()
             pending.begin(t_ns, total)
-        for place in range(_LINKS_IN_FRAME):
-            if senders[place] != NO_LINK:
-                self._link(pending, receiver, senders[place], ranges[place], sigma_m)
+        self._links(pending, receiver, senders, ranges, sigma_m)
         if pending.accounted >= pending.total:
             self._complete()
 
@@ -149,24 +155,33 @@ class CrosslinkAssembly:
             return True
         return False
 
-    def _link(self, pending: _Pending, receiver: int, sender: int, range_m: float, sigma_m: float) -> None:
-        pending.accounted += 1
-        cause = -1
-        if sender >= self._table["satellites"] or sender == receiver or pending.accounted > LINKS:
-            cause = _OUT_OF_RANGE
-        elif not math.isfinite(range_m) or not math.isfinite(sigma_m):
-            cause = _NOT_FINITE
+    def _links(
+        self, pending: _Pending, receiver: int, senders: tuple[int, ...], ranges: tuple[float, ...], sigma_m: float
+    ) -> None:
+        """Links of one frame, all of one receiver."""
+        satellites, seen, pairs = self._table["satellites"], pending.seen, receiver * SATELLITES
+        of_sigma = -1
+        if not math.isfinite(sigma_m):
+            of_sigma = _NOT_FINITE
         elif not 0.0 < sigma_m <= self._table["sigma_range_max_m"]:
-            cause = _SIGMA
-        elif pending.seen[receiver * SATELLITES + sender]:
-            cause = _REPEATED
-        if cause >= 0:
-            self.rejected[cause] += 1
-            return
-        pending.seen[receiver * SATELLITES + sender] = 1
-        place = pending.links
-        pending.receiver[place], pending.sender[place], pending.range_m[place] = receiver, sender, range_m
-        pending.links = place + 1
+            of_sigma = _SIGMA
+        for sender, range_m in zip(senders, ranges, strict=True):
+            if sender == NO_LINK:
+                continue
+            pending.accounted += 1
+            if sender >= satellites or sender == receiver or pending.accounted > LINKS:
+                self.rejected[_OUT_OF_RANGE] += 1
+            elif not math.isfinite(range_m):
+                self.rejected[_NOT_FINITE] += 1
+            elif of_sigma >= 0:
+                self.rejected[of_sigma] += 1
+            elif seen[pairs + sender]:
+                self.rejected[_REPEATED] += 1
+            else:
+                seen[pairs + sender] = 1
+                place = pending.links
+                pending.receiver[place], pending.sender[place], pending.range_m[place] = receiver, sender, range_m
+                pending.links = place + 1
 
     def _drop(self) -> None:
         self.rejected[_INCOMPLETE] += 1
@@ -199,7 +214,7 @@ class CrosslinkAssembly:
         epoch["healthy"][0, :n] = clock[:n, 3]
         epoch["t_gps_ns"] = done.t_gps_ns
         epoch["links"] = done.links
-        for name, values in (("receiver", done.receiver), ("sender", done.sender), ("range_m", done.range_m)):
+        for name, values in done.fields:
             epoch[name][0, : done.links] = values[: done.links]
 
 
