@@ -197,6 +197,20 @@ def test_a_ramp_is_told_within_two_seconds_of_the_epoch_that_shows_it() -> None:
     assert 60.0 < seen_s <= 60.0 + 160.0
 
 
+def test_epochs_that_outrun_their_steps_are_judged_all_the_same() -> None:
+    """GIVEN two ticks a second, fewer than an epoch has steps, WHEN satellite 9 jumps THEN every epoch but the last has
+    its frame, and the last word on each is that of the monitor beside it, which takes all steps at once."""
+    flown = Flown(
+        "time.duration_s=60", JUMPS.replace("start_s=58.0", "start_s=50.0"), "flight.table.tick_period_ns=500000000"
+    )
+    beside = _beside(flown.flight)
+    told = [record for _, record in flown.status if record["t_gps_ns"] > 0]  # not of the silence before the first
+    last_word = {int(record["t_gps_ns"]): int(record["faulty"]) for record in told}
+    assert len(last_word) >= len(beside) - 1 >= 58
+    assert list(last_word.values()) == beside[: len(last_word)]
+    assert {0, 1 << (OTHER - 1)} <= set(beside)
+
+
 def test_lost_frames_cost_whole_epochs_and_silence_is_no_health() -> None:
     """GIVEN frames that are lost from 20 to 30 s, and none at all from 40 s on, THEN epochs that lack a frame are
     counted and not judged; and 2.5 s after the last verdict, within 2 s of when the next epoch should have been there,
