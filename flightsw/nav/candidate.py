@@ -90,6 +90,13 @@ def _fly_on(nav, table, dt_s, work):
 
 
 @kernel
+def _bent_m(table, arc_s, rest_s):
+    """Sigma [m] of a lasting error against the chord of an arc, rest_s before its end: a Brownian bridge."""
+    density = 2.0 * table.gnss_bias_sigma_m**2 / table.gnss_bias_tau_s
+    return math.sqrt(density * rest_s * (arc_s - rest_s) / arc_s)
+
+
+@kernel
 def offer_position(nav, table, t_gps_ns, sigma_r_m, work):
     """Take the position in work.z, which has no velocity, into an arc of three that a state can start from.
 
@@ -118,6 +125,8 @@ def offer_position(nav, table, t_gps_ns, sigma_r_m, work):
     nav.arc_count = 0
     # the middle one against the line through the two others: each counts, the outer ones by half and less
     limit = 1.3 * table.agreement_sigmas * sigma_r_m
+    if table.gnss_bias_sigma_m > 0.0:
+        limit = math.hypot(limit, table.agreement_sigmas * _bent_m(table, first_age_s, last_age_s))
     for i in range(3):
         if not (abs(work.three[i]) <= limit):
             return False

@@ -10,7 +10,16 @@ from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 from flightsw.kernels import frames, gravity
 from flightsw.kernels.registry import kernel
-from flightsw.nav import clock, dynamics, flight_filter, flight_model, manoeuvre, monitor, stored_acceleration
+from flightsw.nav import (
+    clock,
+    dynamics,
+    flight_filter,
+    flight_model,
+    flight_start,
+    manoeuvre,
+    monitor,
+    stored_acceleration,
+)
 from flightsw.nav.filter import predict_covariance, transition
 from flightsw.records import HISTORY, MEASUREMENTS
 
@@ -132,13 +141,16 @@ def settle(nav, table, model, work):
 
 
 @kernel
-def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, work):
-    """State and covariance from the fix in work.z: the paper's start, dA = 0."""
+def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, arc_s, work):
+    """State and covariance from the fix in work.z: the paper's start, dA = 0.
+
+    arc_s: of the positions that the velocity is from; 0 if it was measured.
+    """
     nav.x[:] = 0.0
     for i in range(MEASUREMENTS):
         nav.x[i] = work.z[i]
     if table.filter_model == flight_model.FLIGHT:
-        flight_model.start(table, nav.x, sigma_r_m, sigma_v_mps, work, nav.UD)
+        flight_start.start(table, nav.x, sigma_r_m, sigma_v_mps, arc_s, work, nav.UD)
     else:
         nav.P[:, :] = 0.0
         for i in range(3):

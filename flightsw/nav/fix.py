@@ -117,9 +117,11 @@ def _offer(nav, table, inp, sigma_r_m, sigma_v_mps, wanted, work):
 
 @kernel
 def _start(nav, table, model, row, inp, sigma_r_m, sigma_v_mps, work):
+    arc_s = 0.0
     if not inp.fix_has_velocity:
-        sigma_v_mps = math.sqrt(2.0) * sigma_r_m / table.position_arc_s
-    chain.start(nav, table, model, inp.fix_gps_ns, row, sigma_r_m, sigma_v_mps, work)
+        arc_s = table.position_arc_s
+        sigma_v_mps = math.sqrt(2.0) * sigma_r_m / arc_s
+    chain.start(nav, table, model, inp.fix_gps_ns, row, sigma_r_m, sigma_v_mps, arc_s, work)
 
 
 @kernel

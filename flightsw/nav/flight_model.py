@@ -23,12 +23,12 @@ from flightsw.records import BURNS, DYNAMIC_STATES, NOISE_WIDTH, STATES
 PAPER = 0
 FLIGHT = 1
 
-_AXES = 3
+AXES = 3
 _OMITTED_ALTITUDE_M = 500_000.0  # for which the table gives the sigma of omitted gravity
-_DRAG = 9
+DRAG = 9
 _LEAST_DRAG_SCALE = 0.5  # for the noise of drag, a share of what is estimated: where drag is weak that is anything
-_BIAS = 11
-_PERIODIC = 14
+BIAS = 11
+PERIODIC = 14
 
 # Gauss-Legendre nodes and weights on [0, 1], three points: exact to degree five; responses below are quadratic in
 # time as long as a step is short beside the correlation times (Abramowitz and Stegun, table 25.4).
@@ -45,8 +45,8 @@ def states(table):
     if table.gnss_periodic_sigma_m > 0.0:
         return STATES
     if table.gnss_bias_sigma_m > 0.0:
-        return _PERIODIC
-    return _BIAS
+        return PERIODIC
+    return BIAS
 
 
 @kernel
@@ -143,7 +143,7 @@ def set_transition(table, x, dt_s, drag_mps2, gradient, work):
     Also the steady sigma of the empirical accelerations and the scale of drag, which drive their noise in `predict`.
     """
     motion = work.motion
-    work.drag_scale = max(1.0 + x[_DRAG] + x[_DRAG + 1], _LEAST_DRAG_SCALE)
+    work.drag_scale = max(1.0 + x[DRAG] + x[DRAG + 1], _LEAST_DRAG_SCALE)
     work.empirical_sigma_mps2 = empirical_sigma_mps2(table, x)
     basis = work.rtn
     rtn_basis(x, basis)
@@ -154,10 +154,10 @@ def set_transition(table, x, dt_s, drag_mps2, gradient, work):
         for j in range(3):
             motion[i, 6 + j] = to_r * basis[i, j]
             motion[3 + i, 6 + j] = to_v * basis[i, j]
-        motion[i, _DRAG] = _position_response(dt_s, table.drag_tau_s) * drag_mps2[i]
-        motion[3 + i, _DRAG] = _velocity_response(dt_s, table.drag_tau_s) * drag_mps2[i]
-        motion[i, _DRAG + 1] = _position_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
-        motion[3 + i, _DRAG + 1] = _velocity_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
+        motion[i, DRAG] = _position_response(dt_s, table.drag_tau_s) * drag_mps2[i]
+        motion[3 + i, DRAG] = _velocity_response(dt_s, table.drag_tau_s) * drag_mps2[i]
+        motion[i, DRAG + 1] = _position_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
+        motion[3 + i, DRAG + 1] = _velocity_response(dt_s, table.drag_slow_tau_s) * drag_mps2[i]
     set_decays(table, x, dt_s, work)
 
 
@@ -167,11 +167,11 @@ def set_decays(table, x, dt_s, work):
     decay = work.decay
     empirical = math.exp(-dt_s / table.empirical_tau_s)
     bias = math.exp(-dt_s / table.gnss_bias_tau_s)
-    for i in range(_AXES):
+    for i in range(AXES):
         decay[6 + i] = empirical
-        decay[_BIAS + i] = bias
-    decay[_DRAG] = math.exp(-dt_s / table.drag_tau_s)
-    decay[_DRAG + 1] = math.exp(-dt_s / table.drag_slow_tau_s)
+        decay[BIAS + i] = bias
+    decay[DRAG] = math.exp(-dt_s / table.drag_tau_s)
+    decay[DRAG + 1] = math.exp(-dt_s / table.drag_slow_tau_s)
     periodic = math.exp(-dt_s / table.gnss_periodic_tau_s)
     turned = dt_s * orbital_rate_radps(x)
     work.turn_cos = periodic * math.cos(turned)
@@ -181,13 +181,13 @@ def set_decays(table, x, dt_s, work):
 @kernel
 def carry_others(work, x):
     """The states beside r and v over the step of `set_decays`, in place."""
-    for i in range(6, _PERIODIC):
+    for i in range(6, PERIODIC):
         x[i] *= work.decay[i]
-    for axis in range(_AXES):
-        c = x[_PERIODIC + 2 * axis]
-        s = x[_PERIODIC + 2 * axis + 1]
-        x[_PERIODIC + 2 * axis] = work.turn_cos * c + work.turn_sin * s
-        x[_PERIODIC + 2 * axis + 1] = work.turn_cos * s - work.turn_sin * c
+    for axis in range(AXES):
+        c = x[PERIODIC + 2 * axis]
+        s = x[PERIODIC + 2 * axis + 1]
+        x[PERIODIC + 2 * axis] = work.turn_cos * c + work.turn_sin * s
+        x[PERIODIC + 2 * axis + 1] = work.turn_cos * s - work.turn_sin * c
 
 
 @kernel
@@ -250,7 +250,7 @@ def _add_burns(nav, t_gps_ns, dt_s, work, at):
         if acting_s <= 0.0:
             continue
         share = 1.0 / (nav.burn_duration_ns[k] * 1e-9)
-        for axis in range(_AXES):
+        for axis in range(AXES):
             d = work.three
             manoeuvre.axis_gcrf(nav, k, axis, work.rtn, d)
             density = nav.burn_sigma_mps[k, axis] ** 2 * share
@@ -291,13 +291,13 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
             row[j] += m
             for k in range(j + 1, n):
                 row[k] += m * ud[j, k]
-    for i in range(6, min(n, _PERIODIC)):
+    for i in range(6, min(n, PERIODIC)):
         w[i, i] = work.decay[i]
         for k in range(i + 1, n):
             w[i, k] = work.decay[i] * ud[i, k]
-    if n > _PERIODIC:
-        for axis in range(_AXES):
-            c = _PERIODIC + 2 * axis
+    if n > PERIODIC:
+        for axis in range(AXES):
+            c = PERIODIC + 2 * axis
             w[c, c] = work.turn_cos
             w[c, c + 1] = work.turn_cos * ud[c, c + 1] + work.turn_sin
             w[c + 1, c] = -work.turn_sin
@@ -308,7 +308,7 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
 
     at = n
     basis = work.rtn
-    for axis in range(_AXES):
+    for axis in range(AXES):
         at = _add_markov(
             work,
             at,
@@ -323,14 +323,14 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
     d0 = drag_mps2[0]
     d1 = drag_mps2[1]
     d2 = drag_mps2[2]
-    at = _add_markov(work, at, d0, d1, d2, _DRAG, work.drag_scale * table.drag_sigma, table.drag_tau_s, dt_s)
+    at = _add_markov(work, at, d0, d1, d2, DRAG, work.drag_scale * table.drag_sigma, table.drag_tau_s, dt_s)
     slow_sigma = work.drag_scale * table.drag_slow_sigma
-    at = _add_markov(work, at, d0, d1, d2, _DRAG + 1, slow_sigma, table.drag_slow_tau_s, dt_s)
+    at = _add_markov(work, at, d0, d1, d2, DRAG + 1, slow_sigma, table.drag_slow_tau_s, dt_s)
     if _drag_steps(nav, table, t_gps_ns, dt_s):
-        w[_DRAG + 1, at] = 1.0
+        w[DRAG + 1, at] = 1.0
         q[at] = (table.drag_step_sigma * work.drag_scale) ** 2
         at += 1
-    for axis in range(_AXES):
+    for axis in range(AXES):
         density = table.white_radial_m2ps3
         if axis == 1:
             density = table.white_along_m2ps3
@@ -338,58 +338,17 @@ def predict(nav, table, t_gps_ns, ud, dt_s, drag_mps2, work, out):
             density = table.white_cross_m2ps3
         if density > 0.0:
             at = _add_white(work, at, basis[0, axis], basis[1, axis], basis[2, axis], density, dt_s, 0.0)
-    if n > _BIAS:
+    if n > BIAS:
         drive = table.gnss_bias_sigma_m**2 * -math.expm1(-2.0 * dt_s / table.gnss_bias_tau_s)
-        for axis in range(_AXES):
-            w[_BIAS + axis, at] = 1.0
+        for axis in range(AXES):
+            w[BIAS + axis, at] = 1.0
             q[at] = drive
             at += 1
-    if n > _PERIODIC:
+    if n > PERIODIC:
         drive = table.gnss_periodic_sigma_m**2 * -math.expm1(-2.0 * dt_s / table.gnss_periodic_tau_s)
-        for state in range(_PERIODIC, STATES):
+        for state in range(PERIODIC, STATES):
             w[state, at] = 1.0
             q[at] = drive
             at += 1
     at = _add_burns(nav, t_gps_ns, dt_s, work, at)
     udu.orthogonalise(w, q, n, min((at + 3) // 4 * 4, NOISE_WIDTH), work.scaled, out)
-
-
-@kernel
-def start(table, x, sigma_r_m, sigma_v_mps, work, ud):
-    """Factors of the covariance of a state that was just taken from one fix, all other states unknown.
-
-    What the fix's position has of lasting GNSS errors is at once an error of r and a state of its own.
-    """
-    n = states(table)
-    p = work.P_start
-    p[:, :] = 0.0
-    for i in range(_AXES):
-        p[i, i] = sigma_r_m * sigma_r_m
-        p[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
-        p[6 + i, 6 + i] = empirical_sigma_mps2(table, x) ** 2
-    p[_DRAG, _DRAG] = table.drag_sigma**2
-    p[_DRAG + 1, _DRAG + 1] = table.drag_slow_sigma**2
-    rtn_basis(x, work.rtn)
-    if n > _BIAS:
-        variance = table.gnss_bias_sigma_m**2
-        for j in range(_AXES):
-            p[_BIAS + j, _BIAS + j] = variance
-            for i in range(_AXES):
-                _relate(p, i, _BIAS + j, -work.rtn[i, j] * variance)
-            p[j, j] += variance
-    if n > _PERIODIC:
-        variance = table.gnss_periodic_sigma_m**2
-        for j in range(_AXES):
-            state = _PERIODIC + 2 * j
-            p[state, state] = variance
-            p[state + 1, state + 1] = variance
-            for i in range(_AXES):
-                _relate(p, i, state, -work.rtn[i, j] * variance)
-            p[j, j] += variance
-    return udu.factorise(p, n, ud)
-
-
-@kernel
-def _relate(p, i, j, value):
-    p[i, j] = value
-    p[j, i] = value

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flightsw.icd.table_schema import NAVIGATION
 from flightsw.kernels import registry, udu
 from flightsw.kernels.registry import MATRIX, VECTOR, entry, records
-from flightsw.nav import flight_model
+from flightsw.nav import flight_model, flight_start
 from flightsw.records import NAV, STATES, TABLE, WORK
 
 MU_M3PS2 = 3.986004415e14
@@ -105,9 +105,9 @@ def _predict_and_correct(nav, table, ud, orbit, gradients, drag, rows, variance,
     return len(variance)
 
 
-@entry(records(TABLE), VECTOR, registry.F8, registry.F8, records(WORK), MATRIX)
-def _start(table, x, sigma_r_m, sigma_v_mps, work, ud):
-    return flight_model.start(table[0], x, sigma_r_m, sigma_v_mps, work[0], ud)
+@entry(records(TABLE), VECTOR, registry.F8, registry.F8, registry.F8, records(WORK), MATRIX)
+def _start(table, x, sigma_r_m, sigma_v_mps, arc_s, work, ud):
+    return flight_start.start(table[0], x, sigma_r_m, sigma_v_mps, arc_s, work[0], ud)
 
 
 # the table's sigmas, each about the middle of its 12 decades
@@ -160,7 +160,8 @@ def test_any_table_leaves_a_covariance(seed: int, n: int, dt_s: float) -> None:
     variance = np.where(rng.random((1000, 6)) < 0.6, sigma**2, 0.0)
     drag = orbit[0, 3:6] * -(10.0 ** rng.uniform(-16.0, -8.0))
     ud = np.zeros((STATES, STATES))
-    assert _start(table, orbit[0], 10.0 ** rng.uniform(-3, 3), 10.0 ** rng.uniform(-6, 0), work, ud)
+    arc_s = rng.choice([0.0, 10.0, 60.0, 600.0])
+    assert _start(table, orbit[0], 10.0 ** rng.uniform(-3, 3), 10.0 ** rng.uniform(-6, 0), arc_s, work, ud)
     args = (nav, table, ud, orbit, np.vstack(gradients), drag, rows, variance, dt_s, work)
     assert _predict_and_correct(*args) == 1000
     p = whole(np.ascontiguousarray(ud[:n, :n]))

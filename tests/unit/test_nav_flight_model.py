@@ -25,7 +25,7 @@ from process_bench import (
 
 from flightsw.icd.table_file import decode
 from flightsw.kernels import udu
-from flightsw.nav import flight_model
+from flightsw.nav import flight_model, flight_start
 from flightsw.records import DYNAMIC_STATES, STATES
 from ground.tables.build import build_navigation
 from hil_sim.truth.high_degrees import acceleration_itrf
@@ -294,7 +294,7 @@ def test_start_from_a_fix(bias: float, periodic: float, n: int) -> None:
     """GIVEN z = r + B (b + c) + noise WHEN a state starts from z THEN P is that of r = z - B (b + c) - noise: what the
     fix has of lasting errors is in r with the opposite sign."""
     bench, ud = Bench(gnss_bias_sigma_m=bias, gnss_periodic_sigma_m=periodic), np.zeros((STATES, STATES))
-    assert flight_model.start(bench.table, X, 10.0, 0.1, bench.work, ud)
+    assert flight_start.start(bench.table, X, 10.0, 0.1, 0.0, bench.work, ud)
     # columns: noise of r, of v, the eleven to twenty states beside them
     own = np.repeat([5e-8, 0.4, 0.3, bias, periodic], [3, 1, 1, 3, 6])
     root = np.zeros((STATES, STATES))
@@ -310,3 +310,24 @@ def test_start_from_a_fix(bias: float, periodic: float, n: int) -> None:
     if n >= 20:
         error_of_z[:, 14:20:2] = rtn()
     np.testing.assert_allclose(error_of_z @ whole(ud, n) @ error_of_z.T, np.eye(3) * 100.0, atol=1e-11)
+
+
+def test_start_from_an_arc_of_positions() -> None:
+    """GIVEN a velocity from two positions a minute apart, whose lasting error has changed meanwhile, WHEN a state
+    starts from it THEN P is that of r = z - B b - noise, v = (z - z') / arc: r, v and b know of the change."""
+    bias, tau_s, arc_s, ud = 5.0, 300.0, 60.0, np.zeros((STATES, STATES))
+    bench = Bench(gnss_bias_sigma_m=bias, gnss_bias_tau_s=tau_s, gnss_periodic_sigma_m=0.0)
+    assert flight_start.start(bench.table, X, 0.5, 0.02, arc_s, bench.work, ud)
+    p = whole(ud, 14)
+    # columns: noise of r, of v; b now in RTN, and what is new of b since the arc began: b' = keep b + fresh w
+    keep = math.exp(-arc_s / tau_s)
+    root = np.zeros((14, 12))
+    root[:6, :6] = np.diag(np.repeat([0.5, 0.02], 3))
+    root[11:14, 6:9] = bias * np.eye(3)
+    root[:3, 6:9] = -bias * rtn()
+    root[3:6, 6:9] = -bias * (1.0 - keep) / arc_s * rtn()
+    root[3:6, 9:12] = bias * math.sqrt(1.0 - keep**2) / arc_s * rtn()
+    expected = root @ root.T
+    chosen = np.r_[0:6, 11:14]
+    np.testing.assert_allclose(p[np.ix_(chosen, chosen)], expected[np.ix_(chosen, chosen)], rtol=1e-9, atol=1e-12)
+    assert math.sqrt(p[3, 3]) == pytest.approx(0.0537, abs=0.0005)  # where white noise of 0.5 m alone would be 0.02
