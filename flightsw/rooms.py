@@ -21,7 +21,7 @@ entry = registry.entry
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Declare a function that only other kernels call; compiled into its caller, with the registry's options."""
-    return numba.njit(nogil=True, fastmath=False, error_model="numpy")(function)
+    return numba.njit(nogil=True, fastmath=False, error_model="numpy", no_cfunc_wrapper=True)(function)
 
 
 def source_hash(folder: Path, but: tuple[str, ...] = ()) -> str:

@@ -17,7 +17,7 @@ from flightsw.integrity import envelope
 from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
 from flightsw.integrity.failure_flag import driving
-from flightsw.kernels import gravity
+from flightsw.kernels import gravity, linalg
 from flightsw.kernels.registry import I8, entry, frozen_records, kernel, records
 from flightsw.nav import clock, dynamics, flight_filter, flight_model, manoeuvre
 from flightsw.nav.dynamics import Model
@@ -39,13 +39,13 @@ def _begin(nav, table, ahead, t_now_gps_ns):
     ahead.running = 1
     ahead.started_gps_ns = t_now_gps_ns
     ahead.t_gps_ns = nav.t_gps_ns
-    ahead.x[:] = nav.x
+    linalg.copy_vector(nav.x, ahead.x)
     if table.filter_model == flight_model.FLIGHT:
-        ahead.UD[:, :] = nav.UD
+        linalg.copy_matrix(nav.UD, ahead.UD)
     else:
-        ahead.P[:, :] = nav.P_bound
+        linalg.copy_matrix(nav.P_bound, ahead.P)
     ahead.bound_m = math.nan
-    ahead.drag_mps2[:] = nav.drag_mps2
+    linalg.copy_vector(nav.drag_mps2, ahead.drag_mps2)
 
 
 @kernel

@@ -67,6 +67,7 @@ def evaluate(forces, field, r, v, drag_scale, empirical_rtn, work, out):
     """Acceleration at r, v [m, m/s, GCRF] into out [m/s2], at the instant of `turn`, around that of `prepare`.
 
     drag_scale: factor on drag. empirical_rtn (3,): what the model lacks [m/s2], along radius, track, orbit normal.
+    Called with slices, of records' fields too: to numba these are other types, and all below would be compiled twice.
     """
     _to_itrf(work, r, work.r_itrf)
     spherical_harmonics.acceleration(field, work.r_itrf, work, work.a_itrf)
@@ -98,7 +99,7 @@ def acceleration(forces, field, eop, t_gps_ns, r, v, drag_scale, empirical_rtn, 
         return False
     if not turn(eop, t_gps_ns, work):
         return False
-    evaluate(forces, field, r, v, drag_scale, empirical_rtn, work, out)
+    evaluate(forces, field, r[:], v[:], drag_scale, empirical_rtn[:], work, out[:])
     return True
 
 

@@ -8,6 +8,21 @@ from flightsw.kernels.registry import kernel
 
 
 @kernel
+def copy_vector(source, out):
+    """out = source. An assignment of slices is the same, but numba takes a second to compile each kind of it."""
+    for i in range(out.shape[0]):
+        out[i] = source[i]
+
+
+@kernel
+def copy_matrix(source, out):
+    """out = source, of two dimensions; see `copy_vector`."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = source[i, j]
+
+
+@kernel
 def multiply(a, b, out):
     """out = a b for matrices of matching shapes; `out` must be neither `a` nor `b`."""
     for i in range(a.shape[0]):

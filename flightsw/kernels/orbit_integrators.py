@@ -98,7 +98,7 @@ def _explicit(nodes, matrix, weights, forces, field, eop, t_gps_ns, x, dt_ns, dr
         moved = stage == 0 or nodes[stage] != nodes[stage - 1]
         if moved and not turn(eop, t_gps_ns + round(nodes[stage] * dt_ns), work):
             return False
-        evaluate(forces, field, r, v, drag_scale, empirical_rtn, work, work.stage_a[stage])
+        evaluate(forces, field, r[:], v[:], drag_scale, empirical_rtn[:], work, work.stage_a[stage])
     for i in range(3):
         r[i] = 0.0
         v[i] = 0.0
@@ -144,7 +144,7 @@ def rkn5(forces, field, eop, t_gps_ns, x, dt_ns, drag_scale, empirical_rtn, work
             work.v[i] = x[3 + i] + dt_s * v
         if not turn(eop, t_gps_ns + round(RKN5_NODES[stage] * dt_ns), work):
             return False
-        evaluate(forces, field, work.r, work.v, drag_scale, empirical_rtn, work, a[stage])
+        evaluate(forces, field, work.r[:], work.v[:], drag_scale, empirical_rtn[:], work, a[stage])
     for i in range(3):
         r = 0.0
         v = 0.0

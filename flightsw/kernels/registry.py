@@ -34,6 +34,8 @@ _OPTIONS: dict[str, Any] = {
     # where Python's would raise inside the tick.
     "fastmath": False,
     "error_model": "numpy",
+    # nobody calls a kernel from C; the wrapper for that would be compiled for every one of them
+    "no_cfunc_wrapper": True,
 }
 _entries: list[tuple[Any, tuple[Any, ...]]] = []
 

@@ -8,7 +8,7 @@ from flightsw.icd.enums import DaSource
 from flightsw.integrity import failure_flag
 from flightsw.integrity.autonomous import predict_bound_covariance
 from flightsw.integrity.bound import axis_bound_m, radius_bound_m
-from flightsw.kernels import frames, gravity
+from flightsw.kernels import frames, gravity, linalg
 from flightsw.kernels.registry import kernel
 from flightsw.nav import (
     clock,
@@ -157,15 +157,15 @@ def start(nav, table, model, t_gps_ns, row, sigma_r_m, sigma_v_mps, arc_s, work)
             nav.P[i, i] = sigma_r_m * sigma_r_m
             nav.P[3 + i, 3 + i] = sigma_v_mps * sigma_v_mps
             nav.P[6 + i, 6 + i] = (table.da_max_mps2 / 3.0) ** 2
-        nav.P_bound[:, :] = nav.P
+        linalg.copy_matrix(nav.P, nav.P_bound)
     _begin(nav, table, model, t_gps_ns, t_gps_ns, row, work)
 
 
 @kernel
 def start_aside(nav, table, model, t_gps_ns, t_fix_gps_ns, work):
     """State and covariance of the flight filter from work.x, work.UD, which no fix has made: its age is given."""
-    nav.x[:] = work.x
-    nav.UD[:, :] = work.UD
+    linalg.copy_vector(work.x, nav.x)
+    linalg.copy_matrix(work.UD, nav.UD)
     nav.bound_fix_m[:] = 0.0
     _begin(nav, table, model, t_gps_ns, t_fix_gps_ns, table.tuning_rows - 1, work)
 
@@ -203,11 +203,11 @@ def _remember(nav, table):
         nav.history_count -= 1
     k = (nav.history_first + nav.history_count) % HISTORY
     nav.history_t_gps_ns[k] = nav.t_gps_ns
-    nav.history_x[k, :] = nav.x
+    linalg.copy_vector(nav.x, nav.history_x[k])
     if table.filter_model == flight_model.FLIGHT:
-        nav.history_UD[k, :, :] = nav.UD
+        linalg.copy_matrix(nav.UD, nav.history_UD[k])
     else:
-        nav.history_P[k, :, :] = nav.P
+        linalg.copy_matrix(nav.P, nav.history_P[k])
     nav.history_count += 1
 
 
@@ -219,10 +219,10 @@ def advance(nav, table, model, work):
     if not dynamics.advance(nav, table, model, nav.t_gps_ns, nav.x, step_ns, nav.pole, work):
         nav.unmodelled = 1
     if table.filter_model == flight_model.FLIGHT:
-        nav.UD[:, :] = nav.UD_ahead
+        linalg.copy_matrix(nav.UD_ahead, nav.UD)
     else:
-        nav.P[:, :] = nav.P_ahead
-        nav.P_bound[:, :] = nav.P_bound_ahead
+        linalg.copy_matrix(nav.P_ahead, nav.P)
+        linalg.copy_matrix(nav.P_bound_ahead, nav.P_bound)
     nav.t_gps_ns += step_ns
     if is_overdue(nav, table, nav.t_gps_ns) and table.stored_da_use:
         if stored_acceleration.recall(nav, table, nav.x, nav.t_gps_ns, work):
@@ -286,11 +286,11 @@ def predict_to(nav, table, model, t_gps_ns, work):
         return False
     if t_gps_ns >= nav.t_gps_ns:
         t_ns = nav.t_gps_ns
-        work.x[:] = nav.x
+        linalg.copy_vector(nav.x, work.x)
         if flying:
-            work.UD[:, :] = nav.UD
+            linalg.copy_matrix(nav.UD, work.UD)
         else:
-            work.P[:, :] = nav.P
+            linalg.copy_matrix(nav.P, work.P)
     else:
         back = nav.history_count - 1
         while back >= 0 and nav.history_t_gps_ns[(nav.history_first + back) % HISTORY] > t_gps_ns:
@@ -299,11 +299,11 @@ def predict_to(nav, table, model, t_gps_ns, work):
             return False
         k = (nav.history_first + back) % HISTORY
         t_ns = nav.history_t_gps_ns[k]
-        work.x[:] = nav.history_x[k]
+        linalg.copy_vector(nav.history_x[k], work.x)
         if flying:
-            work.UD[:, :] = nav.history_UD[k]
+            linalg.copy_matrix(nav.history_UD[k], work.UD)
         else:
-            work.P[:, :] = nav.history_P[k]
+            linalg.copy_matrix(nav.history_P[k], work.P)
     while t_ns < t_gps_ns:
         step_ns = min(table.nav_step_ns, t_gps_ns - t_ns)
         dt_s = step_ns * 1e-9
@@ -338,12 +338,12 @@ def commit(nav, table, model, t_gps_ns, row, work):
 def _commit(nav, table, model, t_gps_ns, t_fix_gps_ns, row, work):
     nav.t_gps_ns = t_gps_ns
     nav.t_fix_gps_ns = t_fix_gps_ns  # before the step ahead is looked at: its length depends on it
-    nav.x[:] = work.x
+    linalg.copy_vector(work.x, nav.x)
     if table.filter_model == flight_model.FLIGHT:
-        nav.UD[:, :] = work.UD
+        linalg.copy_matrix(work.UD, nav.UD)
     else:
-        nav.P[:, :] = work.P
-        nav.P_bound[:, :] = work.P
+        linalg.copy_matrix(work.P, nav.P)
+        linalg.copy_matrix(work.P, nav.P_bound)
     manoeuvre.forget_past(nav, t_gps_ns - manoeuvre.KEPT_NS)
     nav.unmodelled = 0
     nav.history_count = 0

@@ -7,7 +7,7 @@ import math
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import EditMode, FlagState, Validity, Verdict
 from flightsw.integrity import envelope
-from flightsw.kernels import frames
+from flightsw.kernels import frames, linalg
 from flightsw.kernels.integrators import rk4
 from flightsw.kernels.registry import kernel
 from flightsw.modes import AUTONOMOUS, INIT
@@ -96,7 +96,7 @@ def _covariance(nav, table, t_gps_ns, work, out):
 def _state_at(nav, table, t_gps_ns, work, out):
     """The newest epoch carried to the stamp. RK4 whatever the table's integrator: it adds no error of its own."""
     x = work.x_publish
-    x[:] = nav.x
+    linalg.copy_vector(nav.x, x)
     for i in range(3):
         x[6 + i] = nav.beyond_mps2[i]
     dt_s = (t_gps_ns - nav.t_gps_ns) * 1e-9

@@ -13,6 +13,7 @@ import math
 from flightsw.icd.alerts import AlertId
 from flightsw.icd.enums import EditMode, NavCommand, RejectCause
 from flightsw.integrity import envelope, failure_flag
+from flightsw.kernels import linalg
 from flightsw.kernels.registry import entry, frozen_records, kernel, records
 from flightsw.modes import next_mode
 from flightsw.nav import antenna, chain, clock, fix, fix_checks, flight_filter, flight_model, manoeuvre, monitor, upload
@@ -171,8 +172,8 @@ def _end_watch(nav, table, model, work, out):
     """
     slot = monitor.manoeuvre_in_doubt(nav, nav.t_gps_ns, work)
     if slot != monitor.NOTHING:
-        work.x[:] = nav.x
-        work.UD[:, :] = nav.UD
+        linalg.copy_vector(nav.x, work.x)
+        linalg.copy_matrix(nav.UD, work.UD)
         flight_filter.adopt(nav, table, nav.t_gps_ns, slot, work, out)
         chain.commit_aside(nav, table, model, nav.t_gps_ns, work)
     monitor.forget(nav)

@@ -113,3 +113,13 @@ def test_largest_eigenvalue_of_a_broken_matrix_is_not_finite(place, value):
     a = np.eye(3)
     a[place] = a[place[::-1]] = value
     assert not np.isfinite(linalg.largest_eigenvalue_3x3(a))
+
+
+def test_copies_are_whole_and_leave_the_source() -> None:
+    """GIVEN a vector and a matrix WHEN copied THEN the copy is the source to the last bit, NaN and signed zero too."""
+    vector, matrix = np.array([1.0, -0.0, np.nan, np.inf]), np.arange(6.0).reshape(2, 3)
+    to_vector, to_matrix = np.full(4, 7.0), np.full((2, 3), 7.0)
+    linalg.copy_vector(vector, to_vector)
+    linalg.copy_matrix(matrix, to_matrix)
+    assert to_vector.tobytes() == vector.tobytes()
+    np.testing.assert_array_equal(to_matrix, matrix)
