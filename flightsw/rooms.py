@@ -17,11 +17,12 @@ from flightsw.kernels import registry  # before numba: it names the cache folder
 import numba  # isort: skip
 
 entry = registry.entry
+_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Declare a function that only other kernels call; compiled into its caller, with the registry's options."""
-    return numba.njit(nogil=True, fastmath=False, error_model="numpy", no_cfunc_wrapper=True)(function)
+    return numba.njit(**_OPTIONS)(function)
 
 
 def source_hash(folder: Path, but: tuple[str, ...] = ()) -> str:

@@ -1,4 +1,9 @@
-"""The ledger of a certification: every attempt that was begun, with what came of it. None is ever removed."""
+"""The ledger of a certification: every attempt that was begun, with what came of it. None is ever removed.
+
+It lies in the folder of the campaign. Of a set that ships it lies beside the set, too, and a campaign of the same table
+and ensemble in a new folder goes on from there: what failed on another machine is not forgotten, and its outages are
+not flown for a certificate again.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.tables.build import SETS
 
 LEDGER = "attempts.json"
 BEGUN, FINISHED, ABANDONED = "begun", "finished", "abandoned"
@@ -15,7 +21,10 @@ BEGUN, FINISHED, ABANDONED = "begun", "finished", "abandoned"
 
 def read(folder: Path) -> list[dict[str, Any]]:
     """Attempts in the order they were begun. Raises OperatorError where the file is none of ours."""
-    path = folder / LEDGER
+    return _read(folder / LEDGER)
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -27,18 +36,32 @@ def read(folder: Path) -> list[dict[str, Any]]:
     return held
 
 
-def begin(folder: Path, what: dict[str, Any], again: bool = False) -> dict[str, Any]:
+def shipped(table_set: str, long: bool) -> Path:
+    """Where the ledger of a set lies that ships; there may be none."""
+    return SETS / f"{table_set}{'.long' if long else ''}.{LEDGER}"
+
+
+def begin(folder: Path, what: dict[str, Any], again: bool = False, before: Path | None = None) -> dict[str, Any]:
     """The attempt to fly now: the last one if it is of the same things and not finished, or finished and not to be
-    flown again; else the next, which is written down before anything is flown."""
+    flown again; else the next, which is written down before anything is flown. before: what a new ledger begins with.
+    """
     held = read(folder)
+    if not held and before is not None:
+        known = _read(before)
+        held = known if any(_same_draws(one["what"], what) for one in known) else []
     last = held[-1] if held else None
     if last is not None and last["what"] == what and not (again and last["state"] == FINISHED):
+        _write(folder, held)
         return last
     if last is not None and last["state"] == BEGUN:
         last["state"] = ABANDONED
     attempt = {"attempt": len(held) + 1, "state": BEGUN, "what": what}
     _write(folder, [*held, attempt])
     return attempt
+
+
+def _same_draws(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    return all(one.get(key) == other.get(key) for key in ("table_sha256", "ensemble_sha256"))
 
 
 def finish(folder: Path, attempt: int, result: dict[str, Any]) -> list[dict[str, Any]]:

@@ -149,7 +149,8 @@ def _begin(
     }
     if code is None:
         code = what["code_sha256"] = _flown_by(folder, what)
-    number = int(attempts.begin(folder, what, again)["attempt"])
+    before = None if quick else attempts.shipped(table_set, folder.name == LONG)
+    number = int(attempts.begin(folder, what, again, before)["attempt"])
     flight = Flight(ensemble, seeds.certification(image, ensemble.document(), number), table_set)
     place = folder / f"attempt-{number:03d}"
     store.open_folder(place, store.definition(flight, code))

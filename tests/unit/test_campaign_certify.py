@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 
 from ground import __main__ as ground_command
-from ground.campaign import attempts, certificate, certify, floor, pictures, report, seeds, store
+from ground.campaign import attempts, certificate, certify, endurance, floor, pictures, report, seeds, store
 from ground.campaign.ensemble import Ensemble, draw
 from ground.campaign.outage import ages_s
 from ground.errors import OperatorError
+from ground.tables.build import SETS, build_navigation
 
 AGES = ages_s(2000.0)
 ENSEMBLE = Ensemble()
@@ -169,6 +171,37 @@ def test_no_attempt_is_forgotten(tmp_path: Path) -> None:
     (tmp_path / attempts.LEDGER).write_text("{}")
     with pytest.raises(OperatorError, match="never forgotten"):
         attempts.begin(tmp_path, {"table": "c"})
+
+
+@pytest.fixture(autouse=True)
+def _no_ledger_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What is made up here is no attempt at a certificate of a set that ships."""
+    monkeypatch.setattr(attempts, "SETS", tmp_path / "no_sets")
+
+
+def test_a_new_folder_goes_on_from_the_ledger_that_ships(tmp_path: Path) -> None:
+    """GIVEN a ledger with an attempt that failed WHEN the same table and ensemble are flown in a new folder THEN by
+    other code it is attempt 2, by the same code that attempt again; another ensemble begins at 1."""
+    of_old = {"table_sha256": "a", "ensemble_sha256": "b", "code_sha256": "old"}
+    attempts.begin(tmp_path, of_old)
+    attempts.finish(tmp_path, 1, {"violated": 29})
+    before = tmp_path / attempts.LEDGER
+    assert attempts.begin(tmp_path / "new", of_old | {"code_sha256": "new"}, before=before)["attempt"] == 2
+    assert [one["attempt"] for one in attempts.read(tmp_path / "new")] == [1, 2]
+    assert attempts.begin(tmp_path / "same", of_old, before=before)["attempt"] == 1
+    assert attempts.begin(tmp_path / "other", of_old | {"ensemble_sha256": "c"}, before=before)["attempt"] == 1
+    assert attempts.begin(tmp_path / "none", of_old, before=tmp_path / "no.json")["attempt"] == 1
+
+
+@pytest.mark.parametrize(("table_set", "long"), [("flight", False), ("flight", True), ("flight_coloured", False)])
+def test_ledgers_that_ship_are_of_their_sets(table_set: str, long: bool) -> None:
+    """GIVEN a shipped ledger THEN its last attempt is of the set's present table and the present ensemble."""
+    ensemble = certify.ensemble_of(table_set, quick=False)
+    ensemble = endurance.ensemble_of(ensemble) if long else ensemble
+    ledger = SETS / attempts.shipped(table_set, long).name
+    last = json.loads(ledger.read_text())[-1]["what"]
+    assert last["ensemble_sha256"] == ensemble.hash
+    assert last["table_sha256"] == hashlib.sha256(build_navigation(table_set)).hexdigest()
 
 
 def made_up(folder: Path, runs: int = 24, **how) -> certify.Certified:
