@@ -67,7 +67,8 @@ def test_r03_is_excluded_in_the_loop_and_nobody_else(repo_data_dir: Path) -> Non
         flight.fly()
     told = [m for m in flight.published if m[1] == CROSSLINK_STATUS.frame_id]
     records = np.frombuffer(b"".join(payload for _, _, payload in told), CROSSLINK_STATUS.dtype)
-    assert len(records) == 900
+    assert len(np.unique(records["t_gps_ns"])) == 900
+    assert len(records) <= 900 + 3  # a second frame where the search for slow faults has found, or given up, something
     assert set(records["faulty"].tolist()) == {0, 1 << 2}
     first = records[np.flatnonzero(records["faulty"])[0]]
     (alert, *_) = [m for m in sink.of("LEONAV_ALERT") if m.alert_id == AlertId.CROSSLINK_NEIGHBOUR_FAULTY]
