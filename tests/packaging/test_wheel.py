@@ -74,7 +74,7 @@ def test_the_wheel_holds_the_three_packages_and_their_data(wheel: Path) -> None:
     """GIVEN the wheel WHEN it is opened THEN the sources and data of the three packages are in it, no more."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
-    suffixes = {".py", ".dbc", ".xml", ".toml", ".tbl", ".html", ".c"}
+    suffixes = {".py", ".dbc", ".xml", ".toml", ".tbl", ".json", ".html", ".c"}
     wanted = {
         path.relative_to(ROOT).as_posix()
         for package in ("flightsw", "ground", "hil_sim")
