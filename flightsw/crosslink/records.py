@@ -203,7 +203,6 @@ WORK = np.dtype(
         ("position", "f8", (3,)),
         ("direction", "f8", (3,)),
         ("h", "f8", (2, PARAMETERS)),
-        ("weight", "f8", (BLOCKS,)),
         ("set", "i8", (SATELLITES,)),
         ("found", "i8", (SATELLITES,)),
         ("without", "f8", (SATELLITES,)),  # statistic of a satellite with the others of the set estimated
