@@ -1,8 +1,8 @@
 """The ledger of a certification: every attempt that was begun, with what came of it. None is ever removed.
 
-It lies in the folder of the campaign. Of a set that ships it lies beside the set, too, and a campaign of the same table
-and ensemble in a new folder goes on from there: what failed on another machine is not forgotten, and its outages are
-not flown for a certificate again.
+It lies in the folder of the campaign. Of a set that ships it lies beside the set, too, and a campaign of that set in a
+new folder goes on from there: what failed on another machine, or with an earlier table, is not forgotten, and its outages
+are not flown for a certificate again.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ def begin(folder: Path, what: dict[str, Any], again: bool = False, before: Path 
     """
     held = read(folder)
     if not held and before is not None:
-        known = _read(before)
-        held = known if any(_same_draws(one["what"], what) for one in known) else []
+        held = _read(before)
     last = held[-1] if held else None
     if last is not None and last["what"] == what and not (again and last["state"] == FINISHED):
         _write(folder, held)
@@ -58,10 +57,6 @@ def begin(folder: Path, what: dict[str, Any], again: bool = False, before: Path 
     attempt = {"attempt": len(held) + 1, "state": BEGUN, "what": what}
     _write(folder, [*held, attempt])
     return attempt
-
-
-def _same_draws(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return all(one.get(key) == other.get(key) for key in ("table_sha256", "ensemble_sha256"))
 
 
 def finish(folder: Path, attempt: int, result: dict[str, Any]) -> list[dict[str, Any]]:

@@ -180,8 +180,8 @@ def _no_ledger_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def test_a_new_folder_goes_on_from_the_ledger_that_ships(tmp_path: Path) -> None:
-    """GIVEN a ledger with an attempt that failed WHEN the same table and ensemble are flown in a new folder THEN by
-    other code it is attempt 2, by the same code that attempt again; another ensemble begins at 1."""
+    """GIVEN a ledger with an attempt that failed WHEN the set is flown in a new folder THEN by other code, with another
+    table or on another ensemble it is attempt 2; the very same is that attempt again; without a ledger it is the first."""
     of_old = {"table_sha256": "a", "ensemble_sha256": "b", "code_sha256": "old"}
     attempts.begin(tmp_path, of_old)
     attempts.finish(tmp_path, 1, {"violated": 29})
@@ -189,7 +189,8 @@ def test_a_new_folder_goes_on_from_the_ledger_that_ships(tmp_path: Path) -> None
     assert attempts.begin(tmp_path / "new", of_old | {"code_sha256": "new"}, before=before)["attempt"] == 2
     assert [one["attempt"] for one in attempts.read(tmp_path / "new")] == [1, 2]
     assert attempts.begin(tmp_path / "same", of_old, before=before)["attempt"] == 1
-    assert attempts.begin(tmp_path / "other", of_old | {"ensemble_sha256": "c"}, before=before)["attempt"] == 1
+    assert attempts.begin(tmp_path / "other", of_old | {"ensemble_sha256": "c"}, before=before)["attempt"] == 2
+    assert attempts.begin(tmp_path / "table", of_old | {"table_sha256": "c"}, before=before)["attempt"] == 2
     assert attempts.begin(tmp_path / "none", of_old, before=tmp_path / "no.json")["attempt"] == 1
 
 
