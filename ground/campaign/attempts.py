@@ -1,8 +1,8 @@
 """The ledger of a certification: every attempt that was begun, with what came of it. None is ever removed.
 
 It lies in the folder of the campaign. Of a set that ships it lies beside the set, too, and a campaign of that set in a
-new folder goes on from there: what failed on another machine, or with an earlier table, is not forgotten, and its outages
-are not flown for a certificate again.
+new folder goes on from there: what failed on another machine, or with an earlier table, is not forgotten, and its
+outages are not flown for a certificate again.
 """
 
 from __future__ import annotations

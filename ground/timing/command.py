@@ -14,6 +14,8 @@ PARTS = ("kernels", "lanes", "ticks", "instructions", "start", "realtime", "link
 USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
+STOPPED = 130
+_SAME = ("processor", "processors", "python", "numba", "numpy")
 HELP = "measure what a tick, a kernel and a start cost on this machine"
 
 
@@ -23,6 +25,7 @@ def add_arguments(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
     parser.add_argument("--parts", nargs="*", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--quick", action="store_true", help="short flights, whether all works")
     parser.add_argument("--out", type=Path, default=USUAL_OUT, metavar="DIR", help=f"folder (default {USUAL_OUT})")
+    parser.add_argument("--resume", action="store_true", help="measure only the parts that DIR has no figures of yet")
     parser.add_argument("--soak", type=Path, metavar="FILE", help="tell of this soak, too: soak.json of `hil_sim soak`")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here, too")
     parser.add_argument("--doc", type=Path, metavar="FILE", help="write the report here, too, as docs/timing.md is")
@@ -32,24 +35,54 @@ def run(args: argparse.Namespace) -> int:
     """Measure, print, write; returns 0."""
     from ground.timing import report
 
-    found: dict[str, Any] = {"machine": _machine()}
+    figures = args.out / "timing.json"
+    found: dict[str, Any] = _measured(figures) if args.resume else {"machine": _machine()}
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         for part in args.parts:
-            found[part] = _MEASURES[part](args)
+            if part not in found:
+                found[part] = _MEASURES[part](args)
+                _keep(figures, found)
         if args.soak is not None:
             found["soak"] = _soak(args.soak)
         text = report.render(found)
         (args.out / "timing.md").write_text(text, encoding="utf-8")
-        (args.out / "timing.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        _keep(figures, found)
         if args.json is not None:
             args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
         if args.doc is not None:
             args.doc.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OperatorError(f"{error.filename}: cannot be written ({error.strerror})") from error
+    except KeyboardInterrupt:
+        print(f"\nstopped; parts measured are in {figures}, --resume goes on from there", file=sys.stderr)
+        return STOPPED
     print(text)
     return 0
+
+
+def _measured(path: Path) -> dict[str, Any]:
+    """Figures of an earlier call, where they are of this machine and these versions."""
+    now = _machine()
+    try:
+        found = dict(json.loads(path.read_text(encoding="utf-8")))
+        then = dict(found["machine"])
+    except FileNotFoundError:
+        return {"machine": now}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OperatorError(f"{path}: no figures to go on from ({error!r}); leave --resume out") from error
+    other = [f"{name} {then.get(name)}, now {now[name]}" for name in _SAME if then.get(name) != now[name]]
+    if other:
+        raise OperatorError(
+            f"{path}: measured elsewhere ({'; '.join(other)}); leave --resume out, or name another --out"
+        )
+    return found
+
+
+def _keep(path: Path, found: dict[str, Any]) -> None:
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    partial.replace(path)
 
 
 def _soak(path: Path) -> dict[str, Any]:

@@ -181,7 +181,7 @@ def _no_ledger_ships(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def test_a_new_folder_goes_on_from_the_ledger_that_ships(tmp_path: Path) -> None:
     """GIVEN a ledger with an attempt that failed WHEN the set is flown in a new folder THEN by other code, with another
-    table or on another ensemble it is attempt 2; the very same is that attempt again; without a ledger it is the first."""
+    table or on another ensemble it is attempt 2; the very same is that one again; with no ledger it is the first."""
     of_old = {"table_sha256": "a", "ensemble_sha256": "b", "code_sha256": "old"}
     attempts.begin(tmp_path, of_old)
     attempts.finish(tmp_path, 1, {"violated": 29})

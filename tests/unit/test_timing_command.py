@@ -1,5 +1,6 @@
 """`ground timing`: what it reads from a flight, what it writes, and what it says where it cannot."""
 
+import argparse
 import json
 from pathlib import Path
 
@@ -45,6 +46,41 @@ def test_parts_flown_are_in_the_report(
     assert "| navigate | 50 |" in text
     assert "| idle |" not in text
     assert set(json.loads(data.read_text())) == {"machine", "ticks", "realtime"}
+
+
+def test_parts_measured_before_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """GIVEN a call that was stopped after one part WHEN it is called with --resume THEN only the other is measured, and
+    the report has both; figures of another machine are not mixed with this one's."""
+    measured: list[str] = []
+
+    def count(args: argparse.Namespace) -> dict[str, object]:
+        measured.append("instructions")
+        return {"missing": "no tool"}
+
+    def stop(args: argparse.Namespace) -> dict[str, object]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(command._MEASURES, "instructions", count)
+    monkeypatch.setitem(command._MEASURES, "start", stop)
+    words = ["timing", "--out", str(tmp_path), "--parts", "instructions", "start"]
+    assert main(words) == command.STOPPED
+    assert "--resume goes on" in capsys.readouterr().err
+    monkeypatch.setitem(command._MEASURES, "start", lambda args: {"with compiled kernels": 1.5})
+    assert main([*words, "--resume"]) == 0
+    assert measured == ["instructions"]
+    text = capsys.readouterr().out
+    assert "Not counted: no tool." in text
+    assert "1.5" in text
+    figures = tmp_path / "timing.json"
+    found = json.loads(figures.read_text())
+    figures.write_text(json.dumps({**found, "machine": {**found["machine"], "processors": 99}}))
+    assert main([*words, "--resume"]) == 2
+    assert "processors 99" in capsys.readouterr().err
+    figures.write_text("[]")
+    assert main([*words, "--resume"]) == 2
+    assert "no figures to go on from" in capsys.readouterr().err
 
 
 def test_a_flight_that_fails_is_named_with_what_it_said(tmp_path: Path) -> None:
