@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 
@@ -12,6 +13,8 @@ EXIT_DIFFERENT, EXIT_REFUSED = 1, 2
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
+    if arguments is None:  # a process of its own: a service manager's SIGTERM ends it in order, too
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return int(options.action(options))
     except KeyboardInterrupt:

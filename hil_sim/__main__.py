@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ MISSING_EXTRA = "is not installed; the simulator needs: pip install 'leonav[sim,
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
+    if arguments is None:  # a process of its own: SIGTERM ends it in order, too
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return int(options.action(options))
     except KeyboardInterrupt:

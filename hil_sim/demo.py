@@ -89,9 +89,9 @@ class Process:
         return f"{self.name} has ended {how}: {last} ({self.log})"
 
     def end(self) -> None:
-        """Ask it to end, then see to it."""
+        """Ask it to end. Not by SIGINT: of a demo that a script has put into the background nobody hears that."""
         if self.popen.poll() is None:
-            self.popen.send_signal(signal.SIGINT)
+            self.popen.terminate()
 
 
 def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: Sequence[str]) -> int:

@@ -68,9 +68,13 @@ def test_the_death_of_flight_ends_the_demo_with_one_line_and_the_log_is_there(tm
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_a_closed_terminal_leaves_no_process(tmp_path: Path) -> None:
-    """GIVEN a demo WHEN its terminal is closed (SIGHUP) THEN it says so and nothing of it goes on."""
-    command = [sys.executable, "-m", "hil_sim", "demo", "--plain", "--speed", "10", "--out", str(tmp_path / "live")]
-    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """GIVEN a demo that ignores ctrl-C, as one that a script has put into the background WHEN its terminal is closed
+    (SIGHUP) THEN it says so, nothing of it goes on, and flight has ended in order: its timing is written."""
+    out = tmp_path / "live"
+    command = [sys.executable, "-m", "hil_sim", "demo", "--plain", "--speed", "10", "--out", str(out)]
+    demo = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=_ignore_interrupts
+    )
     try:
         assert demo.stdout is not None
         assert any("INTEGRATED" in line for line in demo.stdout)
@@ -79,11 +83,16 @@ def test_a_closed_terminal_leaves_no_process(tmp_path: Path) -> None:
         demo.send_signal(signal.SIGHUP)
         _, said = demo.communicate(timeout=60)
         assert demo.returncode == 128 + signal.SIGHUP
+        assert (out / "timing.json").exists()
         assert "demo: ended by SIGHUP" in said.splitlines()
         assert not [name for name, pid in parts.items() if Path(f"/proc/{pid}/cmdline").exists() and alive(pid)]
     finally:
         demo.kill()
         demo.wait(20)
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def alive(pid: int) -> bool:
