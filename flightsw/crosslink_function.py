@@ -3,9 +3,9 @@
 It judges what the satellites broadcast, its own among them, and not what navigation knows: a wrong upload is wrong
 however well the satellite navigates (docs/adr/0018).
 
-The tick that completes an epoch takes it over, the next one judges it and says so; those after it look back, a step a
-tick, and say so where that has found something. An epoch that comes before the last one is through waits for nothing:
-what is left of that one is done at once.
+The tick that completes an epoch takes it over, the next one judges it and says so, or the one after that where somebody
+is to be sought; those that follow look back, a step a tick, and say so where that has found something. An epoch that
+comes before the last one is through waits for nothing: what is left of that one is done at once.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ class CrosslinkFunction:
         self.assembly = CrosslinkAssembly(table.values, services.assembly.rejected, self._now_gps_ns)
         self._arguments = self.memory.arguments()
         self._left = self.memory.verdict["left"]
-        self._fresh = False  # an epoch was taken over and is not judged yet
+        self._judged = self.memory.verdict["judged"]
+        self._fresh = False  # an epoch was taken over and nothing of it is done yet
+        self._seeking = False  # somebody is being sought in an epoch: nothing is told of it until that is known
         self._reader = RecordReader(self.memory.verdict)
         self._at = self._reader.at
         self._verdict: tuple[Any, ...] = self._reader.read()
@@ -95,6 +97,7 @@ class CrosslinkFunction:
         self._own_bit = 1 << self.settings.own
         self._faulty = 0
         self._peer = -1  # neighbour that the own links could not be told from when they were in doubt
+        self._begun_gps_ns = 0  # time of the last epoch, perhaps still under way
         self._judged_gps_ns = 0  # time of the epoch that was judged last
         self._judged_counter_ns = 0
         self._told_counter_ns = self._counter_ns = services.counter_ns()
@@ -123,25 +126,33 @@ class CrosslinkFunction:
             self._fresh = True
         elif self._fresh or self._left[0] > 0:
             judged = self._advance(counter_ns)
-        if not judged and (self._note_silence(counter_ns, 0) or counter_ns - self._told_counter_ns >= _SILENCE_NS):
-            self._publish(counter_ns)
+        if not judged:
+            due = not self._seeking and counter_ns - self._told_counter_ns >= _SILENCE_NS
+            if self._note_silence(counter_ns, 0) or due:
+                self._publish(counter_ns)
         self._read_clock()
         self._counter_ns = counter_ns
 
     def _advance(self, counter_ns: int) -> bool:
-        """One step of the monitor; whether it was the judgement of an epoch."""
+        """One step of the monitor; whether it was the one that finished the judgement of an epoch."""
         if self._fresh:
             self._fresh = False
-            self._judge()
+            self._begin()
+        else:
+            monitor_step(*self._arguments, 0)
+        if self._judged[0]:
+            self._seeking = False
+            self._conclude()
+            self._judged_gps_ns = self._begun_gps_ns
             self._judged_counter_ns = counter_ns
             self._note_silence(counter_ns, int(self._verdict[self._at["monitored"]]))
             self._publish(counter_ns)
             return True
-        before = self._found()
-        monitor_step(*self._arguments, 0)
-        self._conclude()
-        if self._found() != before:
-            self._publish(counter_ns)
+        if not self._seeking:  # a step that looks back
+            before = self._found()
+            self._conclude()
+            if self._found() != before:
+                self._publish(counter_ns)
         return False
 
     def _note_silence(self, counter_ns: int, monitored: int) -> bool:
@@ -175,14 +186,14 @@ class CrosslinkFunction:
         t_gps_ns, counter_ns = self._clock
         return t_gps_ns + self._services.counter_ns() - counter_ns if t_gps_ns else 0
 
-    def _judge(self) -> None:
+    def _begin(self) -> None:
         memory = self.memory
         t_gps_ns = int(memory.epoch["t_gps_ns"][0])
-        if self._judged_gps_ns and not 0 < t_gps_ns - self._judged_gps_ns <= self._gap_max_ns:
+        if self._begun_gps_ns and not 0 < t_gps_ns - self._begun_gps_ns <= self._gap_max_ns:
             memory.history["since"] = memory.history["block"] + 1  # what was measured before the gap is of another time
+        self._begun_gps_ns = t_gps_ns
+        self._seeking = True
         monitor_step(*self._arguments, 1)
-        self._judged_gps_ns = t_gps_ns
-        self._conclude()
 
     def _found(self) -> tuple[Any, ...]:
         verdict, at = self._verdict, self._at

@@ -127,7 +127,7 @@ def near_diagonal(c, n, columns, out):
 
 @kernel
 def gram(c, n, columns, out):
-    """out = C'C, whole, of the n rows and the first `columns` columns of C; four rows at a time, as above."""
+    """out = C'C, whole, of the n rows and the first `columns` columns of C; four rows at a time, zeros left out."""
     for a in range(columns):
         for b in range(columns):
             out[a, b] = 0.0
@@ -136,9 +136,10 @@ def gram(c, n, columns, out):
         r0, r1, r2, r3 = c[i], c[i + 1], c[i + 2], c[i + 3]
         for a in range(columns):
             s0, s1, s2, s3 = r0[a], r1[a], r2[a], r3[a]
-            target = out[a]
-            for b in range(a, columns):
-                target[b] += s0 * r0[b] + s1 * r1[b] + s2 * r2[b] + s3 * r3[b]
+            if s0 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0:
+                target = out[a]
+                for b in range(a, columns):
+                    target[b] += s0 * r0[b] + s1 * r1[b] + s2 * r2[b] + s3 * r3[b]
         i += 4
     while i < n:
         row = c[i]

@@ -4,8 +4,9 @@ All three read the same residuals and none waits for another. The paper's rule a
 links of the own satellite alone; the network monitor every link that was exchanged. A satellite is excluded with the
 epoch that names it and taken in again after `clear_epochs` epochs in a row in which its links agree with all others.
 
-The epoch itself is judged in one step. The search for faults that grew slowly, and what no range can show, may wait:
-they follow in steps of their own, each as long as a tick can spare, and are done before the next epoch.
+An epoch in which nobody is faulty is judged in one step, any other in two: the search for those who are takes as long
+again. The search for faults that grew slowly, and what no range can show, may wait: they follow in steps of their own,
+each as long as a tick can spare, and are done before the next epoch.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from flightsw.crosslink.subspace import has_changed, subspace
 from flightsw.crosslink.weighted_test import evaluate, prepare
 from flightsw.kernels.registry import I8, frozen_records, records
 
-_LINKS_A_STEP = 128  # whose contrasts are made in one step
+_LINKS_A_STEP = 144  # whose contrasts are made in one step
+_NO_SEARCH, _OF_EPOCH, _OF_GROWTH = 0, 1, 2  # work["search"]
 
 
 @kernel
@@ -85,34 +87,43 @@ def _residuals(table, epoch, test, work):
 
 
 @kernel
-def _network(table, test, residual_m, state, history, verdict, work, slow):
-    """Evaluate and isolate; leaves the set in work["set"]. Returns (statistic, satellite) of the largest left."""
+def _weigh(table, test, residual_m, state, work, slow):
+    """Evaluate every satellite's statistic. Returns (statistic, satellite) of the largest that is not excluded, and
+    whether anyone is, or is to be sought."""
     satellites = table["satellites"]
     threshold = table["network_slow_threshold"] if slow else table["network_threshold"]
     for satellite in range(satellites):
         work["set"][satellite] = state["faulty"][satellite]
     if not prepare(test, satellites, table["sigma_m"], table["sigma_rate_mps"], not slow):
-        return -1.0, -1
+        return -1.0, -1, False
     evaluate(test, residual_m)
-    largest, statistic, quiet = -1, -1.0, True
+    largest, statistic, sought = -1, -1.0, False
     for satellite in range(satellites):
         if work["set"][satellite] != 0:
-            quiet = False
+            sought = True
         elif test["dof"][satellite] > 0:
             if test["statistic"][satellite] > statistic:
                 largest, statistic = satellite, test["statistic"][satellite]
             if test["statistic"][satellite] > threshold[test["dof"][satellite]]:
-                quiet = False
-    if not quiet:
-        # the largest as it was before anyone was named is what the operator is told
-        left, at = isolate(test, work["set"], threshold, table["faulty_max"], work["without"])
+                sought = True
+    return statistic, largest, sought
+
+
+@kernel
+def _search(table, test, state, history, verdict, work, slow):
+    """Who is faulty, latched; leaves the set in work["set"]. Nobody new is named: the largest left is what is told,
+    else the largest as it was before anyone was."""
+    threshold = table["network_slow_threshold"] if slow else table["network_threshold"]
+    statistic, largest = isolate(test, work["set"], threshold, table["faulty_max"], work["without"])
+    if slow:
+        latch_slow(table, work, state, verdict)
+    else:
+        latch_network(table, work, state, history, verdict)
+    if verdict["named"] == 0:
         if slow:
-            latch_slow(table, work, state, verdict)
+            verdict["network_slow_statistic"], verdict["network_slow_worst"] = statistic, largest
         else:
-            latch_network(table, work, state, history, verdict)
-        if verdict["named"] == 0:
-            statistic, largest = left, at
-    return statistic, largest
+            verdict["network_statistic"], verdict["network_worst"] = statistic, largest
 
 
 @kernel
@@ -142,8 +153,28 @@ def _faulty(table, state, verdict):
 
 
 @kernel
+def _finish(table, epoch, state, history, network, work, verdict):
+    """The epoch is judged; its residuals join the history. Leaves how many steps are to follow."""
+    satellites, links = table["satellites"], network["links"]
+    work["subspace"] = 1 if work["exchanged"] > 0 and has_changed(network, state) else 0
+    verdict["monitored"] = _monitored(table, network, work["exchanged"], verdict)
+    enter(history, epoch, work["residual_m"], links, work["usable"], work["axes"], satellites, table["block_epochs"])
+    verdict["slow_age_s"] = math.nan
+    verdict["own_slow_statistic"] = -1.0
+    verdict["network_slow_statistic"], verdict["network_slow_worst"] = -1.0, -1
+    verdict["left"] = work["subspace"]
+    if 0 <= history["onset"] < table["onsets"] and history["block"] > 1:
+        work["onset_blocks"] = table["onset_blocks"][history["onset"]]
+        history["onset"] += 1
+        work["contrasted"], work["kept"] = 0, 0
+        verdict["left"] += (links + _LINKS_A_STEP - 1) // _LINKS_A_STEP + 1
+    verdict["judged"] = 1
+    state["epochs"] += 1
+
+
+@kernel
 def _judge(table, epoch, state, history, network, own, work, verdict):
-    """The epoch by itself, all three monitors; its residuals join the history. Leaves how many steps are to follow."""
+    """The epoch by itself, all three monitors, to the end unless someone is to be sought."""
     satellites = table["satellites"]
     verdict["t_gps_ns"] = epoch["t_gps_ns"]
     verdict["named"] = 0
@@ -165,24 +196,16 @@ def _judge(table, epoch, state, history, network, own, work, verdict):
     work["exchanged"] = exchanged
     verdict["network_ready"] = 1 if exchanged > 0 else 0
     verdict["network_statistic"], verdict["network_worst"] = -1.0, -1
-    work["subspace"] = 0
+    work["search"] = _NO_SEARCH
     if exchanged > 0:
-        statistic, worst = _network(table, network, work["residual_m"], state, history, verdict, work, False)
+        statistic, worst, sought = _weigh(table, network, work["residual_m"], state, work, False)
         verdict["network_statistic"], verdict["network_worst"] = statistic, worst
-        work["subspace"] = 1 if has_changed(network, state) else 0
-    verdict["monitored"] = _monitored(table, network, exchanged, verdict)
-
-    enter(history, epoch, work["residual_m"], links, work["usable"], work["axes"], satellites, table["block_epochs"])
-    verdict["slow_age_s"] = math.nan
-    verdict["own_slow_statistic"] = -1.0
-    verdict["network_slow_statistic"], verdict["network_slow_worst"] = -1.0, -1
-    verdict["left"] = work["subspace"]
-    if 0 <= history["onset"] < table["onsets"] and history["block"] > 1:
-        work["onset_blocks"] = table["onset_blocks"][history["onset"]]
-        history["onset"] += 1
-        work["contrasted"], work["kept"] = 0, 0
-        verdict["left"] += (links + _LINKS_A_STEP - 1) // _LINKS_A_STEP + 1
-    state["epochs"] += 1
+        if sought:
+            work["search"] = _OF_EPOCH
+    if work["search"] == _NO_SEARCH:
+        _finish(table, epoch, state, history, network, work, verdict)
+    else:
+        verdict["left"] = 1
 
 
 @kernel
@@ -210,10 +233,17 @@ def _contrasts(table, epoch, history, test, work):
 
 
 @kernel
-def _look_back(table, epoch, state, history, network, own, work, verdict):
-    """One step of what follows an epoch: subspace, contrasts of some links, and last their test."""
+def _go_on(table, epoch, state, history, network, own, work, verdict):
+    """One step more: the search for the faulty, subspace, contrasts of some links, their test, and its search."""
     verdict["left"] -= 1
-    if work["subspace"] != 0:
+    if work["search"] == _OF_EPOCH:
+        work["search"] = _NO_SEARCH
+        _search(table, network, state, history, verdict, work, False)
+        _finish(table, epoch, state, history, network, work, verdict)
+    elif work["search"] == _OF_GROWTH:
+        work["search"] = _NO_SEARCH
+        _search(table, network, state, history, verdict, work, True)
+    elif work["subspace"] != 0:
         work["subspace"] = 0
         subspace(table, network, work, verdict)
     elif work["contrasted"] < epoch["links"]:
@@ -224,8 +254,11 @@ def _look_back(table, epoch, state, history, network, own, work, verdict):
         judged = own_verdict(table, epoch, network, own, work["contrast_m"], work, verdict, True)
         latch_own(table, state, history, judged, True)
         if work["exchanged"] > 0:
-            statistic, worst = _network(table, network, work["contrast_m"], state, history, verdict, work, True)
+            statistic, worst, sought = _weigh(table, network, work["contrast_m"], state, work, True)
             verdict["network_slow_statistic"], verdict["network_slow_worst"] = statistic, worst
+            if sought:
+                work["search"] = _OF_GROWTH
+                verdict["left"] += 1
 
 
 def _declare(room):
@@ -247,10 +280,11 @@ def _declare(room):
         """
         table, epoch, state, history = tables[0], epochs[0], states[0], histories[0]
         network, own, work, verdict = networks[0], owns[0], works[0], verdicts[0]
+        verdict["judged"] = 0
         if fresh != 0:
             _judge(table, epoch, state, history, network, own, work, verdict)
         elif verdict["left"] > 0:
-            _look_back(table, epoch, state, history, network, own, work, verdict)
+            _go_on(table, epoch, state, history, network, own, work, verdict)
         _faulty(table, state, verdict)
         state["code"] = room
 

@@ -181,7 +181,8 @@ VERDICT = np.dtype(
         ("undetectable", "i8"),  # dimension of what no range can show: parameters - rank
         ("weakest", "i8"),  # satellite whose largest undetected jump is the worst, or -1
         ("weakest_m", "f8"),  # smallest jump in its weakest direction that is certain to be found [m]
-        ("left", "i8"),  # steps of `look_back` that this epoch still waits for
+        ("judged", "i8"),  # 1: the last step was the one that finished the judgement of the epoch
+        ("left", "i8"),  # steps that this epoch still waits for, as far as is known
     ],
     align=True,
 )
@@ -197,6 +198,7 @@ WORK = np.dtype(
         ("contrasted", "i8"),  # links whose contrasts are made
         ("kept", "i8"),  # of those, that have one
         ("subspace", "i8"),  # 1: to be found anew
+        ("search", "i8"),  # monitor.py: the search for the faulty that is to follow, or none
         ("exchanged", "i8"),  # links that are not the own satellite's
         ("own_residual_m", "f8", (OWN_LINKS,)),
         ("peer", "i8", (SATELLITES,)),  # satellites of the own-satellite test, from its number 1
