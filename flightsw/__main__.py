@@ -45,6 +45,7 @@ def _run(options: argparse.Namespace) -> int:
             options.require_certificate,
             options.shared_clock,
             options.log_limit,
+            not options.no_real_time,
         )
     except (PreflightFailed, onboard.Refused) as error:
         print(f"flightsw: {error}", file=sys.stderr)
@@ -163,6 +164,9 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="when ready, wait for this file and run by the clock of the simulated world that wrote it",
+    )
+    run.add_argument(
+        "--no-real-time", action="store_true", help="ordinary scheduling, memory not locked: on a bench, or to compare"
     )
     run.set_defaults(action=_run)
 

@@ -151,6 +151,7 @@ def _write_timing(out: Path, loop: MainLoop, account: ProcessAccount) -> None:
     """timing.json of a flight that has ended; a disk that takes it no longer costs nothing but this."""
     record = {
         "lockstep": False,
+        "scheduling": realtime.scheduling(),
         "wall_s": account.age_s(),
         "slips": loop.slips,
         "ticks": loop.tick,
@@ -182,12 +183,14 @@ def run(
     require_certificate: bool = False,
     shared_clock: Path | None = None,
     log_limit_bytes: int | None = None,
+    real_time: bool = True,
 ) -> int:
     """Fly until stopped, or for so many ticks. Returns the exit status, RESTART where the ground asked for one.
 
     A checkpoint that is missing or unfit is told and not used: it must not keep a satellite from navigating.
     table_key: file of the key that must have signed the navigation table. allow_saturating: for a study.
-    shared_clock: file of the clock that a simulated world in another process keeps.
+    shared_clock: file of the clock that a simulated world in another process keeps. real_time: ask for SCHED_FIFO and
+    locked memory.
     """
     key = app.load_key(table_key) if table_key else None
     navigation, orientation = app.load_tables(tables, key, allow_saturating)
@@ -242,7 +245,7 @@ def run(
             functions,
         )
         loop.require_certificate = require_certificate
-        for text in realtime.prepare():
+        for text in realtime.prepare(real_time):
             print(f"flightsw: {text}", file=sys.stderr)
         if shared_clock is not None:
             loop.clock = _await_clock(shared_clock)

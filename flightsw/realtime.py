@@ -42,8 +42,18 @@ def use_fifo() -> str | None:
     return None
 
 
-def prepare() -> list[str]:
-    """All of it; returns what could not be had, in words."""
+def scheduling() -> str:
+    """The class in which this process is scheduled, as it is now."""
+    if not hasattr(os, "sched_getscheduler"):
+        return "ordinary"
+    names = {os.SCHED_FIFO: "SCHED_FIFO", os.SCHED_RR: "SCHED_RR"}
+    return names.get(os.sched_getscheduler(0), "ordinary")
+
+
+def prepare(real_time: bool = True) -> list[str]:
+    """All of it; returns what could not be had, in words. real_time False: ordinary scheduling, memory not locked."""
     settle_garbage()
+    if not real_time:
+        return []
     refused = (("memory not locked", lock_memory()), ("no real-time scheduling", use_fifo()))
     return [f"{what}: {why}" for what, why in refused if why is not None]

@@ -96,7 +96,7 @@ def _demo(options: argparse.Namespace) -> int:
     from hil_sim import demo, scenario
 
     loaded = scenario.load(options.scenario, options.set)
-    return demo.run(loaded, options.out, options.speed, options.plain, options.set)
+    return demo.run(loaded, options.out, options.speed, options.plain, options.set, not options.no_real_time)
 
 
 def _soak(options: argparse.Namespace) -> int:
@@ -165,6 +165,9 @@ def _parser() -> argparse.ArgumentParser:
             )
             command.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times real time (default 1)")
             command.add_argument("--plain", action="store_true", help="the console prints lines; no terminal needed")
+            command.add_argument(
+                "--no-real-time", action="store_true", help="flight with ordinary scheduling and no locked memory"
+            )
         if name == "soak":
             command.add_argument("--ticks", type=_ticks, default=10_000_000, metavar="N", help="default 1e7")
             command.add_argument(

@@ -94,8 +94,13 @@ class Process:
             self.popen.terminate()
 
 
-def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: Sequence[str]) -> int:
-    """Run the demo until the console is left or something dies; returns the exit status."""
+def run(
+    loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: Sequence[str], real_time: bool = True
+) -> int:
+    """Run the demo until the console is left or something dies; returns the exit status.
+
+    real_time: flight asks for SCHED_FIFO and locked memory.
+    """
     sil.prepare_folder(out)
     for name in ("hub", "world", "flight"):
         (out / f"{name}.log").unlink(missing_ok=True)
@@ -112,7 +117,7 @@ def run(loaded: LoadedScenario, out: Path, speed: float, plain: bool, settings: 
     # a terminal that is closed, or an operator's kill, ends all of it as well
     former = {number: signal.signal(number, _told_to_end) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
-        console = _start(loaded, out, speed, plain, settings, processes, key)
+        console = _start(loaded, out, speed, plain, settings, real_time, processes, key)
         return _watch(processes, console, out, key)
     except KeyboardInterrupt:
         print("demo: ended by ctrl-C", file=sys.stderr)
@@ -138,6 +143,7 @@ def _start(
     speed: float,
     plain: bool,
     settings: Sequence[str],
+    real_time: bool,
     processes: dict[str, Process],
     key: Path,
 ) -> subprocess.Popen[bytes]:
@@ -152,7 +158,7 @@ def _start(
     scenario = str(loaded.path)
     clock = ["--shared-clock", str(out / "clock.json")]
     processes["world"] = Process("world", ["hil_sim", "world", scenario, "--can", bus, *clock, *more], out)
-    processes["flight"] = Process("flight", _flight(out, bus, port, key), out)
+    processes["flight"] = Process("flight", _flight(out, bus, port, key, real_time), out)
     processes["flight"].wait_for("flightsw: ready")
     counter_ns = int(processes["world"].wait_for("world: ready"))
     SharedClock(time.monotonic_ns() + _START_AHEAD_NS, counter_ns, speed).write(out / "clock.json")
@@ -162,11 +168,12 @@ def _start(
     return subprocess.Popen(command, start_new_session=False, preexec_fn=tethered(signal.SIGTERM))
 
 
-def _flight(out: Path, bus: str, port: int, key: Path) -> list[str]:
+def _flight(out: Path, bus: str, port: int, key: Path, real_time: bool) -> list[str]:
     return [
         *("flightsw", "run", "--can", bus, "--tables", str(out / "tables"), "--out", str(out)),
         *("--link", f"udp:127.0.0.1:{port}", "--link-key", str(key), "--link-state", str(out / "link")),
         *("--table-store", str(out / "store"), "--shared-clock", str(out / "clock.json")),
+        *(() if real_time else ("--no-real-time",)),
     ]
 
 

@@ -185,10 +185,10 @@ def _real_time(args: argparse.Namespace) -> dict[str, Any]:
     from ground.timing import flights
 
     found = {}
-    for name, (period_ns, duration_s) in flights.REAL_TIME.items():
+    for number, (name, (period_ns, duration_s, fifo)) in enumerate(flights.REAL_TIME.items()):
         lasting_s = QUICK_REAL_S if args.quick else duration_s
         _tell(f"realtime: {lasting_s:.0f} s at {name}")
-        found[name] = flights.real_time(period_ns, lasting_s, args.out / f"realtime_{name.split()[0]}hz")
+        found[name] = flights.real_time(period_ns, lasting_s, fifo, args.out / f"realtime_{number}")
     return found
 
 

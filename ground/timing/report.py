@@ -127,13 +127,14 @@ def _start(found: dict[str, float]) -> str:
 def _real_time(flights: dict[str, dict[str, Any]]) -> str:
     lines = [
         "## Real time\n",
-        "Flight beside world, bus hub and console, each a process of this machine; SCHED_FIFO and locked memory where",
-        "they are permitted. `wake` is how late ticks began.\n",
+        "Flight beside world, bus hub and console, each a process of this machine; where it is permitted, and not said",
+        "otherwise, with SCHED_FIFO and locked memory. `wake` is how late ticks began.\n",
     ]
     for name, timing in flights.items():
         lines += [
             f"### {name}\n",
-            f"{timing['ticks']:,} ticks, {timing['slips']} slips; {_process(timing)}.\n",
+            f"{timing['scheduling']} scheduling, {timing['ticks']:,} ticks, {timing['slips']} slips; "
+            f"{_process(timing)}.\n",
             *_members(timing["members"]),
             "",
         ]

@@ -20,7 +20,7 @@ def timing(folder: Path) -> None:
     for tick in range(50):
         schedule.run_tick(tick)
         schedule.wake.account(70_000)
-    record = {"wall_s": 2.0, "slips": 3, "ticks": 50, "process": ProcessAccount().summary()}
+    record = {"wall_s": 2.0, "scheduling": "SCHED_FIFO", "slips": 3, "ticks": 50, "process": ProcessAccount().summary()}
     folder.mkdir(parents=True)
     (folder / "timing.json").write_text(json.dumps({**record, "members": schedule.summary()}))
     (folder / "summary.json").write_text(json.dumps({"simulated_s": 500.0}))
@@ -43,6 +43,8 @@ def test_parts_flown_are_in_the_report(
     assert capsys.readouterr().out == text + "\n"
     assert "50 ticks, 250 times real time, 3 slips" in text
     assert "| wake | 50 | 70.0 | " in text
+    assert "### 10 Hz, ordinary scheduling" in text
+    assert "SCHED_FIFO scheduling, 50 ticks, 3 slips" in text
     assert "| navigate | 50 |" in text
     assert "| idle |" not in text
     assert set(json.loads(data.read_text())) == {"machine", "ticks", "realtime"}
