@@ -15,7 +15,7 @@ USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
 STOPPED = 130
-_SAME = ("processor", "processors", "python", "numba", "numpy")
+_SAME = ("processor", "processors", "python", "numba", "numpy", "quick")
 HELP = "measure what a tick, a kernel and a start cost on this machine"
 
 
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from ground.timing import report
 
     figures = args.out / "timing.json"
-    found: dict[str, Any] = _measured(figures) if args.resume else {"machine": _machine()}
+    found: dict[str, Any] = _measured(figures, args.quick) if args.resume else {"machine": _machine(args.quick)}
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         for part in args.parts:
@@ -61,9 +61,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _measured(path: Path) -> dict[str, Any]:
-    """Figures of an earlier call, where they are of this machine and these versions."""
-    now = _machine()
+def _measured(path: Path, quick: bool) -> dict[str, Any]:
+    """Figures of an earlier call, where they are of this machine and these versions, and as quick."""
+    now = _machine(quick)
     try:
         found = dict(json.loads(path.read_text(encoding="utf-8")))
         then = dict(found["machine"])
@@ -107,7 +107,7 @@ def _sum(laps: list[dict[str, Any]], name: str) -> int:
     return sum(lap[name] for lap in laps)
 
 
-def _machine() -> dict[str, Any]:
+def _machine(quick: bool) -> dict[str, Any]:
     import os
     import platform
     from datetime import UTC, datetime
@@ -126,6 +126,7 @@ def _machine() -> dict[str, Any]:
         "numba": metadata.version("numba"),
         "numpy": metadata.version("numpy"),
         "day": datetime.now(UTC).date().isoformat(),
+        "quick": quick,
     }
 
 
