@@ -129,12 +129,11 @@ def test_a_soak_is_told_from_its_account(tmp_path: Path, capsys: pytest.CaptureF
 def test_lanes_and_instructions_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     ways = [{"name": "lanes", "arcs_per_s": 18_000.0}, {"name": "flight's", "arcs_per_s": 1_500.0}]
     counted = {"nominal": {"ticks": 400, "instructions": 512_345.6}}
-    text = report.render({"machine": {**command._machine(False), "load": 0.5}, "lanes": ways, "instructions": counted})
+    machine = command._machine(False)
+    text = report.render({"machine": {**machine, "load": 0.5}, "lanes": ways, "instructions": counted})
     assert "| lanes | 18,000 | 12.0 |" in text
     assert "| nominal | 512,346 | 400 |" in text
     monkeypatch.setattr(instructions.shutil, "which", lambda name: None)
     why = instructions.missing()
     assert why is not None
-    assert f"Not counted: {why}." in report.render(
-        {"machine": command._machine(False), "instructions": {"missing": why}}
-    )
+    assert f"Not counted: {why}." in report.render({"machine": machine, "instructions": {"missing": why}})
