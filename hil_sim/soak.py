@@ -29,6 +29,7 @@ from flightsw.journal import Journal
 from flightsw.main_loop import MainLoop
 from flightsw.onboard import Refused
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 from hil_sim import gps_time, sil, soak_report
 from hil_sim.bus import SEND_TIMEOUT_S, Monitor, VirtualBusPair
 from hil_sim.errors import BusError, ScenarioError
@@ -42,7 +43,6 @@ AGAIN_TICKS = 20_000  # of the beginning, flown again in the end
 RESULT = "soak.json"
 _TOLD_TICKS = 2000
 _SPARE_S = 60.0
-_STOPPED = 130
 _CROSSLINK_ID = CROSSLINK_STATUS.frame_id
 
 
@@ -195,7 +195,7 @@ def run(loaded: LoadedScenario, out_dir: Path, ticks: int, expected: Path | None
     text = soak_report.render(found)
     (out_dir / "soak.md").write_text(text, encoding="utf-8")
     print(text)
-    return _STOPPED if stopped else int(bool(found["failures"]))
+    return STOPPED if stopped else int(bool(found["failures"]))
 
 
 def _lap(flight: Flight, lap: Lap, account: soak_report.Account) -> None:

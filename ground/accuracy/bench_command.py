@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ground.errors import OperatorError, did_you_mean
+from ground.exit_status import STOPPED
 
 if TYPE_CHECKING:
     from ground.accuracy.bench_cases import Case, Orbit
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 BENCH_HELP = "the whole filter: convergence, steady error, error without fixes, back to steady; table, plots, verdict"
 USUAL_PROFILES = "white,position_only,coloured"
 USUAL_AREA_TO_MASS_M2PKG = 0.005
-STOPPED = 130  # exit status after an interrupt, as of a shell
 
 
 def add_bench(actions: Any) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 
 if TYPE_CHECKING:
     from ground.campaign.ensemble import Ensemble
 
 HELP = "fly a fresh ensemble of outages and say with what confidence a set's bound holds"
 USUAL_RUNS, USUAL_LONG_RUNS = 12_000, 4008
-STOPPED = 130  # exit status after an interrupt, as of a shell
 
 
 def add_arguments(subparsers: Any) -> None:

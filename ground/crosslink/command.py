@@ -7,7 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ground.studies.study_folder import STOPPED, check_counts, fly_parts, make_folder, progress
+from ground.exit_status import STOPPED
+from ground.studies.study_folder import check_counts, fly_parts, make_folder, progress
 
 HELP = "study the integrity monitors of a constellation that ranges between its satellites"
 USUAL_STUDY = Path("runs/crosslink")

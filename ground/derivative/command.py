@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
-from ground.studies.study_folder import STOPPED, check_counts, fly_parts, make_folder, progress
+from ground.exit_status import STOPPED
+from ground.studies.study_folder import check_counts, fly_parts, make_folder, progress
 
 HELP = "velocity and acceleration from positions: conditioning, studies, any track"
 USUAL = Path("runs/derivative")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ground.accuracy.command import data_folder, gravity_of
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 
 if TYPE_CHECKING:
     from ground.studies.filter_studies import Options
@@ -19,7 +20,6 @@ STUDIES = {
     "recovery": "the return of fixes after outages; jumps, frozen and repeated fixes, ramps",
     "manoeuvres": "burns, announced or not: bound, detection, false alarms; lever arm",
 }
-STOPPED = 130  # exit status after an interrupt, as of a shell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 
 from ground.errors import OperatorError
 
-STOPPED = 130
-
 
 def held(path: Path) -> dict[str, Any]:
     """A study.json; empty where there is none. Raises OperatorError for one that cannot be read."""

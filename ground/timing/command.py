@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 
 PARTS = ("kernels", "lanes", "ticks", "instructions", "start", "realtime", "link")
 USUAL_OUT = Path("runs/timing")
 QUICK_S = 1500.0  # of a scenario in lockstep
 QUICK_REAL_S = 10.0
-STOPPED = 130
 _SAME = ("processor", "processors", "python", "numba", "numpy", "quick")
 HELP = "measure what a tick, a kernel and a start cost on this machine"
 

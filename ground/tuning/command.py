@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 
 HELP = "make a table set from flown errors: the paper's descent on (17), or k and process noise of the flight filter"
 METHODS = ("paper", "overbound")
-STOPPED = 130  # exit status after an interrupt, as of a shell
 
 
 def add_arguments(subparsers: Any) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from ground.__main__ import main
-from ground.studies import announced, consistency, false_fixes, filter_command, manoeuvres, recovery
+from ground.exit_status import STOPPED
+from ground.studies import announced, consistency, false_fixes, manoeuvres, recovery
 from ground.studies.filter_studies import fly
 
 
@@ -156,7 +157,7 @@ def test_orbits_without_data_are_left_out_by_name(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(recovery, "fly", stop)
-    assert main(["study", "recovery", "--jobs", "1"]) == filter_command.STOPPED
+    assert main(["study", "recovery", "--jobs", "1"]) == STOPPED
     printed = capsys.readouterr().out
     assert "left out: gracefo" in printed
     assert "left out: sentinel3a" in printed

@@ -10,6 +10,7 @@ from flightsw.process_account import ProcessAccount
 from flightsw.schedule import Member, Schedule
 from ground.__main__ import main
 from ground.errors import OperatorError
+from ground.exit_status import STOPPED
 from ground.timing import command, flights, instructions, report
 
 
@@ -67,7 +68,7 @@ def test_parts_measured_before_are_kept(
     monkeypatch.setitem(command._MEASURES, "instructions", count)
     monkeypatch.setitem(command._MEASURES, "start", stop)
     words = ["timing", "--out", str(tmp_path), "--parts", "instructions", "start"]
-    assert main(words) == command.STOPPED
+    assert main(words) == STOPPED
     assert "--resume goes on" in capsys.readouterr().err
     monkeypatch.setitem(command._MEASURES, "start", lambda args: {"with compiled kernels": 1.5})
     assert main([*words, "--resume"]) == 0
