@@ -85,6 +85,18 @@ def test_a_neighbours_jump_is_named_within_two_seconds_and_over_when_it_agrees_a
     assert int(flown.status[0][1]["t_gps_ns"]) == flown.flight.world.t_start_gps_ns
 
 
+def test_nothing_is_told_of_an_epoch_before_it_is_known_who_is_faulty(flown: Flown) -> None:
+    """GIVEN the jump of number 9 lasts from 10 to 18 s, each of these epochs weighed in one tick and searched in the next
+    WHEN it is told THEN it names or excludes number 9, and the statistic is that of those who are left: within what
+    healthy satellites may have, where the search has not just named somebody."""
+    start_gps_ns = flown.flight.world.t_start_gps_ns
+    told = [record for _, record in flown.status if 10 < (int(record["t_gps_ns"]) - start_gps_ns) / 1e9 < 18]
+    assert len(told) == 7
+    for record in told:
+        assert int(record["faulty"]) == 1 << (OTHER - 1)
+        assert int(record["named"]) or 0.0 < float(record["network_statistic"]) < float(record["network_threshold"])
+
+
 def test_the_own_jump_is_a_critical_alert_within_two_seconds(flown: Flown) -> None:
     """GIVEN the own message jumps by 70 m radially at 58 s, where no majority of links shows it, THEN within 2 s
     CROSSLINK_OWN_FAULT is raised; majority rule and neighbours stay quiet; the frame says FAULT."""
