@@ -86,8 +86,8 @@ def test_a_neighbours_jump_is_named_within_two_seconds_and_over_when_it_agrees_a
 
 
 def test_nothing_is_told_of_an_epoch_before_it_is_known_who_is_faulty(flown: Flown) -> None:
-    """GIVEN the jump of number 9 from 10 to 18 s, each of its epochs weighed in one tick and searched in the next WHEN
-    an epoch is told THEN once, with number 9 excluded, and with the statistic of those who are left: within what healthy
+    """GIVEN the jump of number 9 from 10 to 18 s, its epochs weighed in one tick and searched in the next WHEN they are
+    told THEN each once, with number 9 excluded, and with the statistic of those who are left: within what healthy
     satellites may have, where the search has not just named somebody."""
     start_gps_ns = flown.flight.world.t_start_gps_ns
     told = [record for _, record in flown.status if 10 < (int(record["t_gps_ns"]) - start_gps_ns) / 1e9 < 18]
