@@ -26,6 +26,7 @@ from flightsw.icd.can_frames import CROSSLINK_EPHEMERIS, CROSSLINK_RANGES, CROSS
 from flightsw.icd.crosslink_schema import MAX_CROSSLINK_SATELLITES
 from flightsw.icd.enums import CrosslinkMajority, CrosslinkState, Validity
 from flightsw.icd.table_file import TableImage
+from flightsw.link.message_layout import MessageLayout
 from flightsw.publishing import Outbox
 from flightsw.records_io import RecordReader
 from flightsw.sensing.crosslink_assembly import CrosslinkAssembly
@@ -39,6 +40,7 @@ UNMONITORED = 1 << int(AlertId.CROSSLINK_UNMONITORED)
 NEIGHBOUR_SILENT = 1 << int(AlertId.CROSSLINK_NEIGHBOUR_SILENT)
 _SILENCE_NS = 1_000_000_000  # without an epoch the status goes out so often, and with what age
 _NOBODY = 255
+_CROSSLINK = MessageLayout(m.MAVLink_leonav_crosslink_message)
 _STATES = {SUSPECT: int(CrosslinkState.SUSPECT), FAULT: int(CrosslinkState.FAULT)}
 _AXES = ("radial", "along", "cross", "clock")
 
@@ -294,7 +296,7 @@ class CrosslinkFunction:
         self._services.publisher.send(self._box, self._services.unix_ns(), *_saturated(self._told()))
 
     def _send_message(self) -> None:
-        self._services.link.mav.leonav_crosslink_send(*_saturated(self._told()))
+        self._services.link.send(_CROSSLINK, *_saturated(self._told()))
 
 
 _FLOAT_MAX = 3.4e38  # beyond it nothing packs a float32

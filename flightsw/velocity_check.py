@@ -14,8 +14,9 @@ import numpy as np
 from flightsw.derivative.check import check_fix
 from flightsw.derivative.setup import Check, CheckSettings
 from flightsw.icd.alerts import AlertId
-from flightsw.icd.mavlink import MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK
+from flightsw.icd.mavlink import MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK, MAVLink_leonav_velocity_check_message
 from flightsw.icd.table_file import TableImage
+from flightsw.link.message_layout import MessageLayout
 from flightsw.services import Services
 
 _FAULT_BIT = 1 << int(AlertId.RECEIVER_VELOCITY_FAULT)
@@ -33,6 +34,7 @@ _ANEW = sum(
 _BURNS = 1 << int(AlertId.BURN_ACTIVE)
 _USED = -1
 _U32 = 0xFFFFFFFF
+_VELOCITY_CHECK = MessageLayout(MAVLink_leonav_velocity_check_message)
 
 
 class VelocityCheck:
@@ -99,13 +101,14 @@ class VelocityCheck:
         state, table = self._check.state[0], self._check.table[0]
         summed = state["bias_count"] > 0.0
         sigma = math.sqrt(max(float(state["P"][axis, 1, 1]) for axis in range(3)))
-        self._services.link.mav.leonav_velocity_check_send(
+        self._services.link.send(
+            _VELOCITY_CHECK,
             self._seen_ns,
             min(int(state["fixes"]), _U32),
             min(int(state["alarms"]), _U32),
             float(state["statistic"]),
             float(table["threshold"]),
-            [float(value) if summed else math.nan for value in state["bias_mps"]],
+            *(float(value) if summed else math.nan for value in state["bias_mps"]),
             sigma,
             int(state["armed"]),
             int(state["fault"]),

@@ -12,6 +12,7 @@ from flightsw.icd.enums import EditMode, MeasurementType, Mode, NavCommand
 from flightsw.icd.table_file import TableRefused
 from flightsw.link.downlink import Downlink
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.link.open_alerts import OpenAlerts
 from flightsw.link.uplink import Sender
 
@@ -30,7 +31,12 @@ _MODES = tuple(
     for index, mode in enumerate(Mode, 1)
 )
 _TYPES = tuple(int(kind) for kind in MeasurementType)
-_NO_BYTES = (0,) * 8
+_NO_CUSTOM_VERSIONS, _NO_UID2 = (0,) * 24, (0,) * 18
+_COMMAND_ACK = MessageLayout(m.MAVLink_command_ack_message)
+_MESSAGE_INTERVAL = MessageLayout(m.MAVLink_message_interval_message)
+_AUTOPILOT_VERSION = MessageLayout(m.MAVLink_autopilot_version_message)
+_AVAILABLE_MODES = MessageLayout(m.MAVLink_available_modes_message)
+_CURRENT_MODE = MessageLayout(m.MAVLink_current_mode_message)
 
 Parameters7 = tuple[float, ...]
 
@@ -124,7 +130,7 @@ class Commands:
                 result = handler(values)
             except TableRefused:
                 result = REJECTED
-        self._out.mav.command_ack_send(command, result, 0, 0, sender.system, sender.component)
+        self._out.send(_COMMAND_ACK, command, result, 0, 0, sender.system, sender.component)
 
     # -- navigation
 
@@ -202,7 +208,7 @@ class Commands:
         number = _whole(values[0], 0, (1 << 16) - 1)
         if number is None:
             return DENIED
-        self._out.mav.message_interval_send(number, self._downlink.interval_us(number))
+        self._out.send(_MESSAGE_INTERVAL, number, self._downlink.interval_us(number))
         return ACCEPTED
 
     def _set_interval(self, values: Parameters7) -> int:
@@ -227,7 +233,7 @@ class Commands:
         return ACCEPTED
 
     def _send_version(self) -> None:
-        self._out.mav.autopilot_version_send(_CAPABILITIES, VERSION, 0, 0, 0, _NO_BYTES, _NO_BYTES, _NO_BYTES, 0, 0, 1)
+        self._out.send(_AUTOPILOT_VERSION, _CAPABILITIES, VERSION, 0, 0, 0, *_NO_CUSTOM_VERSIONS, 0, 0, 1, *_NO_UID2)
 
     def _send_modes(self, wanted: int | None) -> int:
         if wanted is None:
@@ -235,13 +241,13 @@ class Commands:
         for index, mode, name, selectable in _MODES:
             if wanted in (0, index):
                 properties = 0 if selectable else m.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
-                self._out.mav.available_modes_send(len(_MODES), index, 0, mode, properties, name)
+                self._out.send(_AVAILABLE_MODES, len(_MODES), index, 0, mode, properties, name)
         return ACCEPTED
 
     def send_current_mode(self) -> None:
         """CURRENT_MODE."""
         mode = int(self._loop.out[self._mode_at])
-        self._out.mav.current_mode_send(0, mode, mode)
+        self._out.send(_CURRENT_MODE, 0, mode, mode)
 
 
 def _whole(value: float, low: int, high: int) -> int | None:

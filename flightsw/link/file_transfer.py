@@ -18,8 +18,10 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from flightsw.icd import mavlink as m
 from flightsw.link.ftp_folders import Err, Folders, Refused, open_plain
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.link.uplink import Sender
 
 HEADER = struct.Struct("<HBBBBBBI")
@@ -28,6 +30,7 @@ UPLOAD_MAX = 1 << 20  # bytes of one file
 QUEUE = 32
 SESSIONS = 4
 _BURST_MESSAGES = 200
+_FILE_TRANSFER = MessageLayout(m.MAVLink_file_transfer_protocol_message)
 _CRC_SLICE = 1 << 16
 _ACK, _NAK = 128, 129
 
@@ -171,7 +174,7 @@ class FileTransfer:
         self._send(request.sender, body)
 
     def _send(self, to: Sender, body: bytes) -> None:
-        self._out.mav.file_transfer_protocol_send(0, to.system, to.component, body.ljust(PAYLOAD, b"\0"))
+        self._out.send(_FILE_TRANSFER, 0, to.system, to.component, *body.ljust(PAYLOAD, b"\0"))
 
     # -- files
 

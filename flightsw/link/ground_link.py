@@ -15,6 +15,7 @@ from flightsw.link.commands import Commanded, Commands
 from flightsw.link.downlink import Downlink
 from flightsw.link.file_transfer import FileTransfer
 from flightsw.link.mavlink_out import SYSTEM_ID, MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.link.open_alerts import OpenAlerts
 from flightsw.link.parameters import Parameters
 from flightsw.link.state_upload import StateUpload, Uploaded
@@ -27,6 +28,8 @@ UPLOADED_TABLE = "navigation.tbl"
 _STATE_FILE_SLICES = 10
 _REPORT_NS = 10_000_000_000
 _TEXT = 50
+_STATUSTEXT = MessageLayout(m.MAVLink_statustext_message)
+_TIMESYNC = MessageLayout(m.MAVLink_timesync_message)
 _NS_PER_S = 1_000_000_000
 
 
@@ -160,16 +163,17 @@ class GroundLink:
         raw = text.encode("ascii", "replace")[: 8 * _TEXT]
         if len(raw) <= _TEXT:
             if raw:
-                self._out.mav.statustext_send(severity, raw)
+                self._out.send(_STATUSTEXT, severity, raw, 0, 0)
             return
         self._text_id = self._text_id % 0xFFFF + 1
         for piece in range(-(-len(raw) // _TEXT)):
-            self._out.mav.statustext_send(severity, raw[piece * _TEXT : (piece + 1) * _TEXT], self._text_id, piece)
+            part = raw[piece * _TEXT : (piece + 1) * _TEXT]
+            self._out.send(_STATUSTEXT, severity, part, self._text_id, piece)
 
     def _timesync(self, message: Any, sender: Sender) -> None:
         del sender
         if message.tc1 == 0:
-            self._out.mav.timesync_send(self._loop.unix_ns(), message.ts1)
+            self._out.send(_TIMESYNC, self._loop.unix_ns(), message.ts1)
 
     def _send_link(self) -> None:
         uplink = self.uplink

@@ -20,9 +20,11 @@ import numpy as np
 from flightsw.icd import mavlink as m
 from flightsw.icd.table_schema import NAVIGATION
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.link.uplink import Sender
 
 NAME_LENGTH = 16
+_PARAM_VALUE = MessageLayout(m.MAVLink_param_value_message)
 _REAL32 = m.MAV_PARAM_TYPE_REAL32
 _FLOAT = struct.Struct("<f")
 _LARGEST = 3.4028234663852886e38
@@ -142,7 +144,7 @@ class Parameters:
         else:
             name, field = TABLE_PARAMETERS[index - len(OPERATIONAL)]
             value = min(max(float(self._table[field][0]), -_LARGEST), _LARGEST)
-        self._out.mav.param_value_send(name, value, _REAL32, len(self._index), index)
+        self._out.send(_PARAM_VALUE, name, value, _REAL32, len(self._index), index)
 
     # -- the file
 

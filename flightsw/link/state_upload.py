@@ -8,11 +8,14 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+from flightsw.icd import mavlink as m
 from flightsw.icd.enums import RejectCause
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.link.uplink import Sender
 
 TAKEN = 255  # in the place of a RejectCause
+_STATE_RESULT = MessageLayout(m.MAVLink_leonav_state_result_message)
 _OVERFLOW = int(RejectCause.RECEIVE_OVERFLOW)
 _NOTHING = -2  # of the step: there was no upload
 
@@ -49,12 +52,12 @@ class StateUpload:
         """LEONAV_STATE_UPLOAD."""
         del sender
         if self._answered is not None and self._answered[0] == message.sequence:
-            self._out.mav.leonav_state_result_send(*self._answered)
+            self._out.send(_STATE_RESULT, *self._answered)
             return
         if self._waiting or not self._loop.upload_state(
             int(message.t_gps_ns), int(message.frame), message.state, message.covariance
         ):
-            self._out.mav.leonav_state_result_send(int(message.sequence), math.nan, _OVERFLOW)
+            self._out.send(_STATE_RESULT, int(message.sequence), math.nan, _OVERFLOW)
             return
         self._waiting = True
         self._sequence = int(message.sequence)
@@ -67,4 +70,4 @@ class StateUpload:
         cause, nis = self._loop.upload_outcome()
         if cause != _NOTHING:
             self._answered = (self._sequence, nis, TAKEN if cause < 0 else cause)
-            self._out.mav.leonav_state_result_send(*self._answered)
+            self._out.send(_STATE_RESULT, *self._answered)

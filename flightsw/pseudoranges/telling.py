@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from flightsw.icd import mavlink as m
 from flightsw.icd.can_frames import GNSS_CHECK, GNSS_EXCLUDED, GNSS_USED
 from flightsw.link.mavlink_out import MavlinkOut
+from flightsw.link.message_layout import MessageLayout
 from flightsw.pseudoranges.judged import Judged
 from flightsw.publishing import Outbox, Publisher
 
 _FLOAT_MAX = 3.4e38  # beyond it struct packs no float32
 _U8, _U32 = 0xFF, 0xFFFFFFFF
+_CHECK = MessageLayout(m.MAVLink_leonav_gnss_check_message)
 
 
 def single(value: float) -> float:
@@ -57,16 +60,17 @@ class Teller:
 
     def tell(self, judged: Judged, age_s: float, epochs: int, offered: int) -> None:
         """LEONAV_GNSS_CHECK."""
-        self._link.mav.leonav_gnss_check_send(
+        self._link.send(
+            _CHECK,
             judged.t_gps_ns,
-            judged.used,
-            judged.excluded,
+            *judged.used,
+            *judged.excluded,
             single(age_s),
             single(judged.statistic),
             single(judged.threshold),
-            [single(level) for level in judged.protection_m],
-            self._limits_m,
-            [single(sigma) for sigma in judged.sigma_m],
+            *(single(level) for level in judged.protection_m),
+            *self._limits_m,
+            *(single(sigma) for sigma in judged.sigma_m),
             epochs & _U32,
             offered & _U32,
             judged.verdict,
