@@ -74,8 +74,8 @@ class Sender:
         """Wait for it, then send a whole epoch, and tick until all is said of it. Its time [ns]."""
         self.wait(index)
         t_gps_ns = self.whole(index, rows, count)
-        self.flight.tick(with_world=False)  # solved
-        self.flight.tick(with_world=False)  # its levels
+        for _ in range(3):  # solved; searched for who is to be left out, if somebody is; its levels
+            self.flight.tick(with_world=False)
         return t_gps_ns
 
 

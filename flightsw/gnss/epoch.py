@@ -1,12 +1,12 @@
 """Epochs from pseudoranges to fixes with protection levels, in one call: for studies, which have all of them at once.
 
-In flight the two parts are in ticks of their own: flightsw/pseudoranges/function.py.
+In flight the parts are in ticks of their own: flightsw/pseudoranges/function.py.
 """
 
 from __future__ import annotations
 
 from flightsw.gnss.declare import ROOM, entry
-from flightsw.gnss.fix import fix
+from flightsw.gnss.fix import exclude, test
 from flightsw.gnss.protection import protect
 from flightsw.gnss.records import EPOCH, GNSS_TABLE, RESULT, WORK
 from flightsw.kernels.registry import frozen_records, records
@@ -18,7 +18,8 @@ def _declare(room):
         """Judge the epochs of an array, one after the other, each into its result."""
         table, work = tables[0], works[0]
         for k in range(epochs.shape[0]):
-            fix(table, epochs[k], work, results[k], room)
+            test(table, epochs[k], work, results[k], room)
+            exclude(table, epochs[k], work, results[k])
             protect(table, work, results[k])
 
     return gnss_epoch

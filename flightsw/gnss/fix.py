@@ -1,5 +1,6 @@
-"""One epoch from pseudoranges to a fix that may be used: screen, solve, test, exclude, test again.
+"""One epoch from pseudoranges to a fix that may be used: screen, solve, test; exclude, test again.
 
+The search for what to exclude is a step of its own, since it may take longer than all before it.
 Allocation-free; its time is bounded by the table's budget in candidates, three rounds of search and fifteen iterations
 of a solution, whatever comes in. How far the fix can be wrong: protection.py.
 """
@@ -20,6 +21,7 @@ _NEAR_M = 1_000.0  # a fix so near to the place of the linear search is describe
 _CONSISTENT, _EXCLUDED, _AMBIGUOUS = int(Verdict.CONSISTENT), int(Verdict.EXCLUDED), int(Verdict.AMBIGUOUS)
 _UNTESTED, _INCONSISTENT, _TOO_FEW = int(Verdict.UNTESTED), int(Verdict.INCONSISTENT), int(Verdict.TOO_FEW)
 _NO_SOLUTION, _TOO_MANY = int(Verdict.NO_SOLUTION), int(Verdict.TOO_MANY)
+_SEARCH = -1
 _GREEDY, _EMPTY, _OUT = int(Rule.GREEDY), int(Row.EMPTY), int(Row.EXCLUDED)
 
 
@@ -155,8 +157,8 @@ def _rows(work, n, mask):
 
 
 @kernel
-def _judge(table, epoch, work, result):
-    """The verdict of one epoch; everything else is in result."""
+def _test(table, epoch, work, result):
+    """The verdict of one epoch, _SEARCH where its satellites disagree; everything else is in result."""
     _clear(epoch, result)
     if epoch["count"] < 0 or epoch["count"] > SATELLITES:
         return _TOO_MANY
@@ -187,7 +189,14 @@ def _judge(table, epoch, work, result):
         return _UNTESTED
     if _passes(table, work, n, dof):
         return _CONSISTENT
-    mask = _exclude(table, epoch, work, n, r, dof, result)
+    return _SEARCH
+
+
+@kernel
+def _isolate(table, epoch, work, result):
+    """The verdict of an epoch whose satellites disagree, once it is known who is to be left out."""
+    n, r = work["count"], work["fix"]
+    mask = _exclude(table, epoch, work, n, r, result["dof"], result)
     if mask == 0:
         return _INCONSISTENT
     if not _reduce_at(table, epoch, work, n, r):
@@ -205,19 +214,38 @@ def _judge(table, epoch, work, result):
 
 
 @kernel
-def fix(table, epoch, work, result, room):
-    """A fix of one epoch with its verdict; work holds the reduced system of the satellites used."""
-    result["verdict"] = _judge(table, epoch, work, result)
+def test(table, epoch, work, result, room):
+    """A fix of all satellites with its verdict, or work["search"] = 1: who is to be left out is for `exclude` to say.
+
+    work then holds the reduced system of the satellites used. INCONSISTENT stands until the search has an answer.
+    """
+    verdict = _test(table, epoch, work, result)
+    work["search"] = 1 if verdict == _SEARCH else 0
+    result["verdict"] = _INCONSISTENT if verdict == _SEARCH else verdict
     result["code"] = room
+
+
+@kernel
+def exclude(table, epoch, work, result):
+    """The fix and the verdict of an epoch that was left to search, after `test` with the same records."""
+    if work["search"] != 0:
+        work["search"] = 0
+        result["verdict"] = _isolate(table, epoch, work, result)
 
 
 def _declare(room):
     @entry(frozen_records(GNSS_TABLE), records(EPOCH), records(WORK), records(RESULT))
-    def gnss_fix(tables, epochs, works, results):
-        """Judge one epoch. Its levels are infinite until `gnss_levels` is called with the same work and result."""
-        fix(tables[0], epochs[0], works[0], results[0], room)
+    def gnss_test(tables, epochs, works, results):
+        """Judge one epoch, but for who is to be left out. Levels are infinite until `gnss_levels` is called."""
+        test(tables[0], epochs[0], works[0], results[0], room)
 
-    return gnss_fix
+    @entry(frozen_records(GNSS_TABLE), records(EPOCH), records(WORK), records(RESULT))
+    def gnss_exclude(tables, epochs, works, results):
+        """Go on with an epoch that `gnss_test` has left to search; does nothing with any other."""
+        exclude(tables[0], epochs[0], works[0], results[0])
+        return room
+
+    return gnss_test, gnss_exclude
 
 
-gnss_fix = _declare(ROOM)
+gnss_test, gnss_exclude = _declare(ROOM)

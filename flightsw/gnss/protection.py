@@ -234,7 +234,7 @@ def protect(table, work, result):
 def _declare(room):
     @entry(frozen_records(GNSS_TABLE), records(WORK), records(RESULT))
     def gnss_levels(tables, works, results):
-        """Protection levels of the fix that `gnss_fix` has left in work and result; nothing where there is none."""
+        """Protection levels of the fix that is in work and result; nothing where there is none."""
         protect(tables[0], works[0], results[0])
         return room
 

@@ -143,6 +143,7 @@ EPHEMERIDES = np.dtype(
 WORK = np.dtype(
     [
         ("count", "i8"),
+        ("search", "i8"),  # 1: who is to be left out is still to be found
         ("fix", "f8", (3,)),
         ("row", "i8", (SATELLITES,)),  # of the epoch, for each usable satellite
         ("clock_of", "i8", (SATELLITES,)),

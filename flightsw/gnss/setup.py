@@ -168,5 +168,5 @@ class Memory:
         self.result = np.zeros(epochs, RESULT)
 
     def arguments(self) -> tuple[np.ndarray, ...]:
-        """Arguments of `gnss_fix` and `gnss_epoch`, in order."""
+        """Arguments of `gnss_test`, `gnss_exclude` and `gnss_epoch`, in order."""
         return self.table, self.epoch, self.work, self.result

@@ -1,17 +1,18 @@
 """Pseudoranges before the filter: assemble an epoch, place its satellites, test, exclude, offer the fix, protect.
 
-One epoch a second or so, in two ticks; a tick without one does nothing. In its own tick the epoch is solved and tested,
-and the fix goes to navigation as that of a receiver which gives positions only: its gate judges it as any other. In the
-next tick come its protection levels, and only then is anything said of the epoch, alerts included: whoever listens
-gets fix and levels of one epoch together, a tick later. Where the table holds fixes back by their levels, and where
-another epoch follows in the same tick, all is done at once. See docs/adr/0019-pseudoranges-before-the-filter.md.
+One epoch a second or so, in two ticks or three; a tick without one does nothing. In its own tick the epoch is solved
+and tested, and the fix goes to navigation as that of a receiver which gives positions only: its gate judges it as any
+other. Where the satellites disagree, who is to be left out is found in the next tick, and the fix goes out there. A
+tick after the fix come its protection levels, and only then is anything said of the epoch, alerts included: whoever
+listens gets fix and levels of one epoch together. Where the table holds fixes back by their levels, and where another
+epoch follows before that, what is left to do is done at once. See docs/adr/0019-pseudoranges-before-the-filter.md.
 """
 
 from __future__ import annotations
 
 import math
 
-from flightsw.gnss.fix import gnss_fix
+from flightsw.gnss.fix import gnss_exclude, gnss_test
 from flightsw.gnss.ionosphere import correct_ionosphere
 from flightsw.gnss.protection import gnss_levels
 from flightsw.gnss.records import AXES, CONSTELLATIONS, SATELLITES, Row, Verdict
@@ -36,6 +37,7 @@ _UNTESTED, _EXCLUDED = int(Verdict.UNTESTED), int(Verdict.EXCLUDED)
 _AMBIGUOUS, _INCONSISTENT = int(Verdict.AMBIGUOUS), int(Verdict.INCONSISTENT)
 _USED, _LEFT_OUT = int(Row.USED), int(Row.EXCLUDED)
 _CLEAR = int(FlagState.CLEAR)
+_NOTHING, _SEARCH, _LEVELS = 0, 1, 2
 _LATEST_NS = 1 << 62  # beyond it no int64 holds the time less the clock's error
 # Earth rotation angle at the GPS epoch and its rate (IERS Conventions 2010, eq. 5.15). UT1 is taken for GPS time, the
 # pole for the axis: half a minute of time and a third of a degree, up to 40 km, are near enough to begin from.
@@ -74,7 +76,9 @@ class PseudorangeFunction:
         self._of = tuple(self._latches.values())
         self.conditions = self.happened = 0
         self.judged = Judged()
-        self._waiting: tuple[int, int, int] | None = None  # times and offered, of a fix whose levels are to be made
+        self._next = _NOTHING  # to be done with the epoch that is under way
+        self._times = (0, 0)  # of it, GPS and counter [ns]
+        self._was_offered = 0
         self._reader = RecordReader(self._memory.result)
         self._at = self._reader.at
         self.values = {
@@ -94,40 +98,60 @@ class PseudorangeFunction:
         self._raw.take_epoch(frame, self._services.counter_ns())
 
     def run(self) -> None:
-        """Conclude the epoch of the tick before, then solve what this one has completed; the last of it waits."""
+        """Take the epoch of a tick before one step further, then solve what this tick has completed."""
         raw = self._raw
-        self._conclude()
+        self._advance()
         for index in range(raw.count):
+            self._finish()
             self._solve(index)
-            if self._holds or index + 1 < raw.count:
-                self._conclude()
+            if self._holds:
+                self._finish()
         raw.clear()
 
+    def _advance(self) -> None:
+        """One step of the epoch under way, if there is one: who is to be left out, or how far it can be wrong."""
+        if self._next == _SEARCH:
+            gnss_exclude(*self._arguments)
+            self._settle()
+        elif self._next == _LEVELS:
+            self._next = _NOTHING
+            if not self._holds:
+                self._protect()
+            self._conclude()
+
+    def _finish(self) -> None:
+        """All that is left of it, at once."""
+        while self._next != _NOTHING:
+            self._advance()
+
     def _solve(self, index: int) -> None:
-        """From pseudoranges to a fix that is offered; levels only if that depends on them."""
+        """From pseudoranges to a fix that is offered, or to a search that has to be made first."""
         memory = self._memory
         place_satellites(memory.table, self._raws[index], self._raw.ephemerides, memory.epoch)
         self._start_from_prediction()
         if self._one_frequency:
             self._correct()
-        gnss_fix(*self._arguments)
+        gnss_test(*self._arguments)
+        self._times = self._raw.times(index)
+        if memory.work["search"][0]:
+            self._next = _SEARCH
+        else:
+            self._settle()
+
+    def _settle(self) -> None:
+        """The fix is what it will be: offer it; levels before that only if it depends on them."""
         if self._holds:
             self._protect()
-        t_gps_ns, t_counter_ns = self._raw.times(index)
-        self._waiting = t_gps_ns, t_counter_ns, self._offer(t_gps_ns, t_counter_ns)
+        self._was_offered = self._offer(*self._times)
+        self._next = _LEVELS
 
     def _protect(self) -> None:
         memory = self._memory
         gnss_levels(memory.table, memory.work, memory.result)
 
     def _conclude(self) -> None:
-        """Levels of the epoch that waits for them, if one does; then it is the last judged, and is told."""
-        if self._waiting is None:
-            return
-        t_gps_ns, t_counter_ns, offered = self._waiting
-        self._waiting = None
-        if not self._holds:
-            self._protect()
+        """The epoch under way is the last that was judged, and is told."""
+        (t_gps_ns, t_counter_ns), offered = self._times, self._was_offered
         result, at = self._reader.read(), self._at
         verdict, available = int(result[at["verdict"]]), int(result[at["available"]])
         used, excluded, refused = self._name_rows(verdict, result[at["row_state"] : at["row_state"] + SATELLITES])
@@ -168,7 +192,8 @@ class PseudorangeFunction:
         """Take the ionosphere off, as seen from the prediction; without one, from a fix with the ionosphere in it."""
         memory = self._memory
         if not memory.epoch["start_known"][0]:
-            gnss_fix(*self._arguments)
+            gnss_test(*self._arguments)
+            gnss_exclude(*self._arguments)
             if int(memory.result["verdict"][0]) > _INCONSISTENT:
                 return
             memory.epoch["start_known"], memory.epoch["start_m"] = 1, memory.result["r_m"]
