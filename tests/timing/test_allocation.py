@@ -8,6 +8,7 @@ from budgets import BUDGETS
 from harness import Flight, fault, faults, load
 
 from flightsw import realtime
+from hil_sim import sil
 
 BUDGET = BUDGETS["allocation"]
 WARM_TICKS, TICKS = BUDGET["warm_ticks"], BUDGET["ticks"]
@@ -104,3 +105,20 @@ def test_hygiene_switches_the_collector_off() -> None:
     finally:
         if enabled:
             gc.enable()
+
+
+def test_a_lockstep_run_hides_from_the_collector_what_was_there_before() -> None:
+    """GIVEN a process that froze nothing WHEN a run is flown THEN no pass looks at what was loaded, and all is as it was
+    afterwards; what somebody else had frozen stays so.
+    """
+    gc.unfreeze()  # tests/conftest.py has frozen what was imported
+    try:
+        with sil.collector_at_rest():
+            assert gc.get_freeze_count() > 1000
+        assert gc.get_freeze_count() == 0
+    finally:
+        gc.freeze()
+    frozen = gc.get_freeze_count()
+    with sil.collector_at_rest():
+        pass
+    assert gc.get_freeze_count() >= frozen > 1000
