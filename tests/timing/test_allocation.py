@@ -108,7 +108,7 @@ def test_hygiene_switches_the_collector_off() -> None:
 
 
 def test_a_lockstep_run_hides_from_the_collector_what_was_there_before() -> None:
-    """GIVEN a process that froze nothing WHEN a run is flown THEN no pass looks at what was loaded, and all is as it was
+    """GIVEN a process that froze nothing WHEN a run is flown THEN no pass looks at what was there, and all is as it was
     afterwards; what somebody else had frozen stays so.
     """
     gc.unfreeze()  # tests/conftest.py has frozen what was imported
