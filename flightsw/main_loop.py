@@ -80,8 +80,8 @@ class MainLoop:
         self.rejected = [0] * REJECT_CAUSES
         self._rejected_nav = memory.nav["rejected"][0]
         self.fix_input = memory.input
-        self._fix_output = np.zeros(1, OUTPUT)
-        self._fix_reader = RecordReader(self._fix_output)
+        self._told_reader = RecordReader(self.fix_input)
+        self._fix = RecordReader(np.zeros(1, OUTPUT)).read()  # until there was one
         self._ahead_reader = RecordReader(memory.ahead)
         self.alerts = 0
         self._happened = 0
@@ -171,7 +171,7 @@ class MainLoop:
                 self.orders.outcome = (int(out[at["upload_cause"]]), float(out[at["upload_nis"]]))
             if out[at["fix_seen"]]:
                 self.fix_input[:] = call
-                self._fix_output[:] = memory.output
+                self._fix = out
         if self.resume is not None and self.resume.pending and memory.nav["clock_valid"][0]:
             self.resume.settle(memory.nav, int(self.out[self.out_reader.at["t_gps_ns"]]))
 
@@ -189,7 +189,7 @@ class MainLoop:
             self._happened |= function.happened
         self.alerts = alerts
         self.verdict, self.validity = self._judge(int(out[at["verdict"]]), int(out[at["validity"]]))
-        nis = self._fix_output["nis"][0]
+        nis = self._fix[at["nis"]]
         self.publisher.state(self.unix_ns(), out, nis, alerts, self.certificate, self.verdict, self.validity)
 
     def _judge(self, verdict: int, validity: int) -> tuple[int, int]:
@@ -287,7 +287,11 @@ class MainLoop:
 
     def fix(self) -> tuple[float, ...]:
         """The output record of the step that took the last fix."""
-        return self._fix_reader.read()
+        return self._fix
+
+    def fix_told(self) -> tuple[float, ...]:
+        """The input record of that step."""
+        return self._told_reader.read()
 
     def listen(self, port: Port, access: Access, folder: Path | None, log: Path | None = None) -> None:
         """Take orders from the ground from now on. folder: of parameters and uploads. log: what it may read."""

@@ -17,6 +17,7 @@ from flightsw.icd.alerts import AlertId
 from flightsw.icd.mavlink import MAVLINK_MSG_ID_LEONAV_VELOCITY_CHECK, MAVLink_leonav_velocity_check_message
 from flightsw.icd.table_file import TableImage
 from flightsw.link.message_layout import MessageLayout
+from flightsw.records_io import RecordReader
 from flightsw.services import Services
 
 _FAULT_BIT = 1 << int(AlertId.RECEIVER_VELOCITY_FAULT)
@@ -43,9 +44,12 @@ class VelocityCheck:
     __slots__ = (
         "_check",
         "_places",
+        "_reader",
         "_seen_ns",
         "_services",
         "_start_ns",
+        "_threshold",
+        "_variances",
         "_vectors",
         "conditions",
         "happened",
@@ -59,6 +63,11 @@ class VelocityCheck:
         values = table.values
         fields = {name: float(values[name][0]) for name in values.dtype.names or ()}
         self._check = Check(CheckSettings(**fields))
+        self._threshold = float(self._check.table["threshold"][0])
+        self._reader = RecordReader(self._check.state)
+        axes, states, _ = self._check.state.dtype["P"].shape
+        first = self._reader.at["P"] + states + 1  # of the velocity of the first axis
+        self._variances = [first + axis * states * states for axis in range(axes)]
         self._services = services
         self._places = services.places
         self._vectors = tuple(np.zeros(3) for _ in range(4))  # dr, dv, sigma of r, of v
@@ -98,18 +107,17 @@ class VelocityCheck:
 
     def tell(self) -> None:
         """LEONAV_VELOCITY_CHECK."""
-        state, table = self._check.state[0], self._check.table[0]
-        summed = state["bias_count"] > 0.0
-        sigma = math.sqrt(max(float(state["P"][axis, 1, 1]) for axis in range(3)))
+        state, at = self._reader.read(), self._reader.at
+        bias, summed = at["bias_mps"], state[at["bias_count"]] > 0.0
         self._services.link.send(
             _VELOCITY_CHECK,
             self._seen_ns,
-            min(int(state["fixes"]), _U32),
-            min(int(state["alarms"]), _U32),
-            float(state["statistic"]),
-            float(table["threshold"]),
-            *(float(value) if summed else math.nan for value in state["bias_mps"]),
-            sigma,
-            int(state["armed"]),
-            int(state["fault"]),
+            min(int(state[at["fixes"]]), _U32),
+            min(int(state[at["alarms"]]), _U32),
+            state[at["statistic"]],
+            self._threshold,
+            *(state[bias : bias + 3] if summed else (math.nan, math.nan, math.nan)),
+            math.sqrt(max(state[place] for place in self._variances)),
+            int(state[at["armed"]]),
+            int(state[at["fault"]]),
         )

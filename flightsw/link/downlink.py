@@ -12,8 +12,6 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-
 from flightsw.icd import mavlink as m
 from flightsw.link.telemetry import Telemetry
 from flightsw.schedule import Schedule
@@ -48,7 +46,6 @@ class Told(Protocol):
     counter_ns: int
     counter_start_ns: int
     prediction: Prediction
-    fix_input: np.ndarray
     memory: Any
     receiver: Any
     journal: Any
@@ -57,6 +54,10 @@ class Told(Protocol):
 
     def fix(self) -> tuple[float, ...]:
         """The output record of the step that took the last fix."""
+        ...
+
+    def fix_told(self) -> tuple[float, ...]:
+        """The input record of that step."""
         ...
 
     def unix_ns(self) -> int:
@@ -199,7 +200,7 @@ class Downlink:
         self._telemetry.system_time(told.unix_ns(), told.counter_ns - told.counter_start_ns)
 
     def _gps_raw(self) -> None:
-        self._telemetry.gps_raw(self._told.fix(), self._told.fix_input, self._told.unix_ns())
+        self._telemetry.gps_raw(self._told.fix(), self._told.fix_told(), self._told.unix_ns())
 
     def _estimator(self) -> None:
         self._telemetry.estimator(self._told.fix(), self._told.unix_ns())

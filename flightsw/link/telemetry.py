@@ -12,6 +12,7 @@ from flightsw.icd.enums import FixType, FlagState, Mode
 from flightsw.kernels.geodetic import geodetic
 from flightsw.link.mavlink_out import MavlinkOut
 from flightsw.link.message_layout import MessageLayout
+from flightsw.records import INPUT
 from flightsw.records_io import RecordReader
 from flightsw.schedule import Member
 
@@ -51,6 +52,8 @@ _FIX_TYPES = {
     int(FixType.FIX_3D): m.GPS_FIX_TYPE_3D_FIX,
     int(FixType.POSITION_3D): m.GPS_FIX_TYPE_3D_FIX,
 }
+_TOLD = RecordReader(np.zeros(1, INPUT)).at
+_R, _SIGMA_R, _SIGMA_V = (_TOLD[name] for name in ("fix_r_itrf_m", "fix_sigma_r_m", "fix_sigma_v_mps"))
 # An alert's text as STATUSTEXT carries it, made once: nothing is rendered in the tick.
 _TEXTS = {int(alert.id): (int(alert.severity), alert.text.encode("ascii")) for alert in ALERTS.values()}
 
@@ -61,6 +64,11 @@ def _u16(value: float) -> int:
 
 def _u32(value: float) -> int:
     return _U32 if not value < _U32 else max(0, int(value))
+
+
+def _largest(values: tuple[float, ...]) -> float:
+    """NaN where one of them is."""
+    return math.nan if any(map(math.isnan, values)) else max(values)
 
 
 class Telemetry:
@@ -203,20 +211,20 @@ class Telemetry:
         """SYSTEM_TIME."""
         self._out.send(_SYSTEM_TIME, unix_ns // 1000, (boot_ns // 1_000_000) & _U32)
 
-    def gps_raw(self, fix: tuple[float, ...], inputs: np.ndarray, unix_ns: int) -> None:
-        """GPS_RAW_INT of the last fix. `inputs`: what the step that took it was told, one record."""
+    def gps_raw(self, fix: tuple[float, ...], told: tuple[float, ...], unix_ns: int) -> None:
+        """GPS_RAW_INT of the last fix. told: the input record of the step that took it."""
         if fix[self.at["fix_gps_ns"]] == 0:
             return
-        self._geodetic_in[:] = inputs["fix_r_itrf_m"][0]
+        self._geodetic_in[:] = told[_R : _R + 3]
         geodetic(self._geodetic_in, self._geodetic)
-        latitude, longitude, height_m = (float(value) for value in self._geodetic)
+        latitude, longitude, height_m = self._geodetic.tolist()
         usable = math.isfinite(latitude) and math.isfinite(longitude) and abs(height_m) < 2e6
-        sigma_r_m = float(inputs["fix_sigma_r_m"][0].max())
-        sigma_v_mps = float(inputs["fix_sigma_v_mps"][0].max())
+        sigma_r_m = _largest(told[_SIGMA_R : _SIGMA_R + 3])
+        sigma_v_mps = _largest(told[_SIGMA_V : _SIGMA_V + 3])
         self._out.send(
             _GPS_RAW_INT,
             unix_ns // 1000,
-            _FIX_TYPES.get(int(inputs["fix_type"][0]), m.GPS_FIX_TYPE_NO_FIX),
+            _FIX_TYPES.get(int(told[_TOLD["fix_type"]]), m.GPS_FIX_TYPE_NO_FIX),
             int(math.degrees(latitude) * 1e7) if usable else 0,
             int(math.degrees(longitude) * 1e7) if usable else 0,
             int(height_m * 1e3) if usable else 0,
@@ -224,7 +232,7 @@ class Telemetry:
             _UNKNOWN,
             _UNKNOWN,  # orbital speed does not fit into centimetres per second of 16 bits
             _UNKNOWN,
-            int(inputs["fix_satellites"][0]) & 0xFF,
+            int(told[_TOLD["fix_satellites"]]) & 0xFF,
             0,  # height above the ellipsoid is told above
             _u32(sigma_r_m * 1e3),
             _u32(sigma_r_m * 1e3),
