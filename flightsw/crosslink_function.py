@@ -121,6 +121,7 @@ class CrosslinkFunction:
         self.happened = 0
         counter_ns = self._services.counter_ns()
         judged = False
+        self.assembly.assemble()
         if self.assembly.ready:
             while self._fresh or self._left[0] > 0:
                 judged |= self._advance(counter_ns)

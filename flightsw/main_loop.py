@@ -101,7 +101,7 @@ class MainLoop:
         self.orders = Orders(self, self._assembly)
         self.receiver = CanReceiver(port, journal, self._assembly, self.rejected)
         self.receiver.drain_limit = int(table["drain_frames_max"])
-        port.tell = self._note_bus
+        port.tell = lambda lost: journal.bus(self.unix_ns(), BUS_LOST if lost else BUS_REOPENED)
         self.link = MavlinkOut(sink, journal, self.unix_ns)
         schema = SCHEMAS[navigation.kind]
         self.telemetry = Telemetry(
@@ -253,9 +253,6 @@ class MainLoop:
         self.publisher.heartbeat(self.unix_ns(), self.tick, self.counter_ns, self.slips, self.rejections(), mode)
 
     # -- accounts
-
-    def _note_bus(self, lost: bool) -> None:
-        self.journal.bus(self.unix_ns(), BUS_LOST if lost else BUS_REOPENED)
 
     def count_slips(self, count: int) -> None:
         """Enter ticks that did not begin when they should have; the alert goes out with the next tick."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from flightsw.icd.enums import REJECT_CAUSES
+
 SATELLITES = 32  # that a monitor can hold
 LINKS = 256  # of one epoch; 24 satellites in three planes have some 112 pairs in view
 OWN_LINKS = 2 * (SATELLITES - 1)
@@ -209,6 +211,55 @@ WORK = np.dtype(
         ("found", "i8", (SATELLITES,)),
         ("without", "f8", (SATELLITES,)),  # statistic of a satellite with the others of the set estimated
         ("rank", "f8", (COLUMNS, COLUMNS)),
+    ],
+    align=True,
+)
+
+# What an assembly of epochs accepts.
+ASSEMBLY_TABLE = np.dtype(
+    [
+        ("satellites", "i8"),
+        ("two_way", "i8"),
+        ("latency_ns", "i8"),  # age from which on an epoch is stale
+        ("future_ns", "i8"),
+        ("ephemeris_age_max_s", "f8"),
+        ("radius_min_m", "f8"),
+        ("radius_max_m", "f8"),
+        ("speed_max_mps", "f8"),
+        ("sigma_range_max_m", "f8"),
+    ],
+    align=True,
+)
+
+# Messages as they came last, the epoch under way, and the one that waits to be judged.
+ASSEMBLY = np.dtype(
+    [
+        ("rejected", "i8", (REJECT_CAUSES,)),  # since somebody has asked
+        ("incomplete", "i8"),  # epochs that never were complete, modulo 65536
+        ("ready", "i8"),  # 1: a complete epoch waits
+        ("last_gps_ns", "i8"),  # its time, or that of the last one; -1: there was none
+        ("t_ref_ns", "i8", (SATELLITES,)),  # GPS time of a satellite's message; 0: none
+        ("r_m", "f8", (SATELLITES, 3)),
+        ("v_mps", "f8", (SATELLITES, 3)),
+        ("clock_m", "f8", (SATELLITES,)),
+        ("clock_rate_mps", "f8", (SATELLITES,)),
+        ("issue", "i8", (SATELLITES,)),
+        ("healthy", "i8", (SATELLITES,)),
+        # under way
+        ("t_gps_ns", "i8"),  # -1: nothing is
+        ("total", "i8"),  # links announced
+        ("accounted", "i8"),  # links that have come, used or not
+        ("links", "i8"),
+        ("receiver", "i8", (LINKS,)),
+        ("sender", "i8", (LINKS,)),
+        ("range_m", "f8", (LINKS,)),
+        ("seen", "i8", (SATELLITES, SATELLITES)),  # receiver, sender
+        # complete
+        ("done_links", "i8"),
+        ("done_receiver", "i8", (LINKS,)),
+        ("done_sender", "i8", (LINKS,)),
+        ("done_range_m", "f8", (LINKS,)),
+        ("code", "i8"),
     ],
     align=True,
 )

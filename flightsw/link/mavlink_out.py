@@ -6,8 +6,6 @@ import hashlib
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from fastcrc.crc16 import mcrf4xx
-
 from flightsw.icd import mavlink
 from flightsw.journal import Journal
 from flightsw.link.message_layout import MessageLayout
@@ -18,7 +16,6 @@ _COMPONENT_ID = mavlink.MAV_COMP_ID_AUTOPILOT1
 _MAGIC, _SIGNED = 0xFD, mavlink.MAVLINK_IFLAG_SIGNED
 _LENGTH, _FLAGS, _SEQUENCE, _SYSTEM, _COMPONENT, _ID, _PAYLOAD = 1, 2, 4, 5, 6, 7, 10
 _PAYLOAD_MAX = 255
-_CRC_START = 0xFFFF
 _LINK_ID, _STAMP_BYTES, _SIGNATURE_BYTES = b"\0", 6, 6
 
 
@@ -82,7 +79,7 @@ class MavlinkOut:
         buffer[_SEQUENCE] = self._sequence
         buffer[_ID:_PAYLOAD] = layout.id_bytes
         buffer[end] = layout.seed
-        crc = mcrf4xx(bytes(view[_LENGTH : end + 1]), _CRC_START)
+        crc = mavlink.x25crc(bytes(view[_LENGTH : end + 1])).crc
         buffer[end], buffer[end + 1] = crc & 0xFF, crc >> 8
         message = bytes(view[: end + 2])
         if self._key is not None:

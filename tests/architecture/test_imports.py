@@ -132,6 +132,7 @@ RULES = (
         {
             "flightsw/kernels/kernel_cache.py": "finds and names the cache folder before numba is imported",
             "flightsw/kernels/cache_locator.py": "names the place of a file in that folder, for numba",
+            "flightsw/crosslink/assembly.py": "reads frames as they lie on the bus: their layouts",
             "flightsw/crosslink/declare.py": "hashes the sources of its room for numba's cache",
             "flightsw/crosslink/setup.py": "settings of a monitor, before any tick",
             "flightsw/gnss/declare.py": "hashes the sources of its room for numba's cache",

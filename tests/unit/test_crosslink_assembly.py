@@ -39,6 +39,7 @@ class Bench:
     def __init__(self, **settings: float) -> None:
         self.rejected = [0] * REJECT_CAUSES
         self.now_ns = 0
+        self.one_by_one = True  # each frame in a tick of its own
         table = decode(build_function("crosslink", "crosslink", overrides={"satellites": 8, **settings}))
         self.assembly = CrosslinkAssembly(table.values, self.rejected, lambda: self.now_ns)
         self.epoch = np.zeros(1, EPOCH)
@@ -60,6 +61,7 @@ class Bench:
         }
         payload = frame(CROSSLINK_EPHEMERIS.frame_id, next(self._counter) & 0xFF, **{**values, **more})
         self.assembly.take_ephemeris(bytearray(payload))
+        self._tick()
 
     def ranges(
         self, receiver: int, links: list[tuple[int, float]], total: int, t_ns: int = T_NS, **more: float
@@ -70,6 +72,11 @@ class Bench:
             values |= {f"sender_{place + 1}": sender, f"range_{place + 1}_m": range_m}
         payload = frame(CROSSLINK_RANGES.frame_id, next(self._counter) & 0xFF, **{**values, **more})
         self.assembly.take_ranges(bytearray(payload))
+        self._tick()
+
+    def _tick(self) -> None:
+        if self.one_by_one:
+            self.assembly.assemble()
 
     def filled(self) -> np.void:
         assert self.assembly.ready
@@ -239,6 +246,7 @@ def test_any_content_is_taken_or_counted(
     for values in ranges:
         payload = frame(CROSSLINK_RANGES.frame_id, 0, **dict(zip(names, values, strict=True)))
         bench.assembly.take_ranges(bytearray(payload))
+        bench.assembly.assemble()
         if bench.assembly.ready:
             record = bench.filled()
             n = int(record["links"])
@@ -247,3 +255,20 @@ def test_any_content_is_taken_or_counted(
             assert (record["sender"][:n] < 8).all()
             assert np.isfinite(record["range_m"][:n]).all()
             assert np.isfinite(record["r_m"][:8]).all()
+
+
+def test_frames_that_come_together_are_taken_in_order_whatever_their_number() -> None:
+    """GIVEN 200 frames of 100 epochs in a tick THEN what waits, and what is counted, is as if they came one by one."""
+    one_by_one, together = Bench(), Bench()
+    together.one_by_one = False
+    for bench in (one_by_one, together):
+        bench.message(1, angle_rad=0.5)
+        bench.message(9)
+        for second in range(100):
+            bench.ranges(0, [(1, 1e7 + second)], 2, T_NS + second * S)
+            bench.ranges(2, [(1, 2e7), (1, 3e7)][: 2 - second % 2], 2, T_NS + second * S)
+    together.assembly.assemble()
+    assert together.links() == one_by_one.links() == [(0, 1, 1e7 + 99), (2, 1, 2e7)]
+    assert together.epoch.tobytes() == one_by_one.epoch.tobytes()
+    assert together.counts == one_by_one.counts
+    assert together.counts["RECEIVE_OVERFLOW"] == 99
