@@ -7,58 +7,96 @@ from collections.abc import Callable
 from time import perf_counter_ns
 from typing import Any
 
-# A duration falls into bin 8 * octave + eighth of the octave: 12 % wide, from 1 ns to 18 minutes.
-_EIGHTHS = 3
-HISTOGRAM_BINS = 41 << _EIGHTHS
+import numpy as np
+
+from flightsw.kernels.histogram import (
+    ACCOUNT,
+    BINS,
+    EIGHTHS,
+    LONGEST_NS,
+    OCTAVES,
+    OVER,
+    RUNS,
+    TOTAL_NS,
+    enter,
+    upper_edge_ns,
+)
+
 # what is told of it: elements of LEONAV_TIMING.histogram, the first of which ends at 2^10 ns
 TIMING_OCTAVES = 20
 _FIRST_OCTAVE = 10
-
-
-def bin_of(duration_ns: int) -> int:
-    """Histogram bin of a duration."""
-    octave = duration_ns.bit_length()
-    if octave <= _EIGHTHS:
-        return duration_ns
-    if octave > 40:
-        return HISTOGRAM_BINS - 1
-    return (octave << _EIGHTHS) | ((duration_ns >> (octave - 1 - _EIGHTHS)) & 7)
-
-
-def upper_edge_ns(index: int) -> float:
-    """Largest duration of a bin."""
-    octave, eighth = index >> _EIGHTHS, index & 7
-    if octave <= _EIGHTHS:
-        return float(index)
-    return float(((8 + eighth + 1) << (octave - 1 - _EIGHTHS)) - 1)
+_WAITING = 256  # durations that are entered together
 
 
 class Member:
-    """One entry of the rate-group table: a function, run every `divisor` ticks, and its accounts."""
+    """One entry of the rate-group table: a function, run every `divisor` ticks, and its accounts.
 
-    __slots__ = ("budget_us", "divisor", "histogram", "longest_ns", "name", "over_budget", "run", "runs", "total_ns")
+    A duration is only put down when it is measured. Some hundred of them are entered in one call, or as many as there
+    are when somebody asks.
+    """
+
+    __slots__ = (
+        *("_account", "_account_view", "_durations", "_durations_view", "_histogram", "_histogram_view", "_waiting"),
+        *("budget_us", "divisor", "name", "run"),
+    )
 
     def __init__(self, name: str, divisor: int, budget_us: float, run: Callable[[], None]) -> None:
         self.name = name
         self.divisor = divisor
         self.budget_us = budget_us
         self.run = run
-        # not a list: every count beyond 256 would be an object of its own, a slow growth in the tick
-        self.histogram = array("Q", bytes(8 * HISTOGRAM_BINS))
-        self.runs = 0
-        self.total_ns = 0
-        self.longest_ns = 0
-        self.over_budget = 0
+        # not lists: every count beyond 256 would be an object of its own, a slow growth in the tick
+        self._durations, self._histogram, self._account = (
+            array("q", bytes(8 * size)) for size in (_WAITING, BINS, ACCOUNT)
+        )
+        self._durations_view, self._histogram_view, self._account_view = (
+            np.frombuffer(values, np.int64) for values in (self._durations, self._histogram, self._account)
+        )
+        self._waiting = 0
 
     def account(self, duration_ns: int) -> None:
         """Enter one run into the accounts."""
-        self.runs += 1
-        self.total_ns += duration_ns
-        if duration_ns > self.longest_ns:
-            self.longest_ns = duration_ns
-        if duration_ns > self.budget_us * 1000.0:
-            self.over_budget += 1
-        self.histogram[bin_of(duration_ns)] += 1
+        waiting = self._waiting
+        self._durations[waiting] = duration_ns
+        self._waiting = waiting + 1
+        if waiting == _WAITING - 1:
+            self._enter()
+
+    def _enter(self) -> None:
+        enter(self._durations_view, self._waiting, self.budget_us * 1000.0, self._histogram_view, self._account_view)
+        self._waiting = 0
+
+    def _of_account(self, place: int) -> int:
+        if self._waiting:
+            self._enter()
+        return self._account[place]
+
+    @property
+    def runs(self) -> int:
+        """How often it ran."""
+        return self._of_account(RUNS)
+
+    @property
+    def total_ns(self) -> int:
+        """How long together."""
+        return self._of_account(TOTAL_NS)
+
+    @property
+    def longest_ns(self) -> int:
+        """How long at most."""
+        return self._of_account(LONGEST_NS)
+
+    @property
+    def over_budget(self) -> int:
+        """How often longer than its budget."""
+        return self._of_account(OVER)
+
+    @property
+    def histogram(self) -> array[int]:
+        """Runs by bin of their duration."""
+        if self._waiting:
+            self._enter()
+        return self._histogram
 
     def percentile_ns(self, percent: float) -> float:
         """Duration that `percent` of the runs did not exceed, to the width of a bin; NaN before the first run."""
@@ -72,10 +110,10 @@ class Member:
 
     def octaves(self) -> list[int]:
         """Runs by duration, TIMING_OCTAVES of them: below 2^10 ns, then each octave, the last without an end."""
-        counts = [0] * TIMING_OCTAVES
-        for octave in range(HISTOGRAM_BINS >> _EIGHTHS):
+        counts, histogram = [0] * TIMING_OCTAVES, self.histogram
+        for octave in range(OCTAVES):
             place = min(max(octave - _FIRST_OCTAVE, 0), TIMING_OCTAVES - 1)
-            counts[place] += sum(self.histogram[octave << _EIGHTHS : (octave + 1) << _EIGHTHS])
+            counts[place] += sum(histogram[octave << EIGHTHS : (octave + 1) << EIGHTHS])
         return counts
 
     def summary(self) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from textual.widgets import Input
 
 from flightsw.icd import mavlink
 from flightsw.icd.table_file import TableRefused, decode, encode
-from flightsw.schedule import HISTOGRAM_BINS, TIMING_OCTAVES, Member, bin_of
+from flightsw.kernels.histogram import BINS, bin_of
+from flightsw.schedule import TIMING_OCTAVES, Member
 from ground.console.event_log import LEVELS, Filter, events_page
 from ground.console.link import UdpLink
 from ground.console.model import Event, State, reduce
@@ -201,7 +202,7 @@ def test_octaves_count_every_run_once_by_its_duration(durations: list[int]) -> N
         member.account(duration)
         place = 0 if duration < 1024 else min(int(math.log2(duration)) - 9, TIMING_OCTAVES - 1)
         expected[place] += 1
-        assert bin_of(duration) < HISTOGRAM_BINS
+        assert bin_of(duration) < BINS
     assert member.octaves() == expected
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from flightsw import schedule
-from flightsw.schedule import Member, Schedule, bin_of, upper_edge_ns
+from flightsw.kernels.histogram import BINS, bin_of, upper_edge_ns
+from flightsw.schedule import Member, Schedule
 
 
 def member(name="m", divisor=1, budget_us=1.0, run=lambda: None):
@@ -28,7 +29,7 @@ def test_every_duration_is_in_a_bin_no_wider_than_an_eighth():
 def test_bins_rise_with_the_duration_and_end():
     assert all(bin_of(d) <= bin_of(d + 1) for d in range(100_000))
     for huge in (2**40, 2**62, 10**18):
-        assert bin_of(huge) == schedule.HISTOGRAM_BINS - 1
+        assert bin_of(huge) == BINS - 1
 
 
 @pytest.mark.parametrize("percent", [1.0, 50.0, 99.0, 99.9, 100.0])
