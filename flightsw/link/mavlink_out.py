@@ -69,8 +69,10 @@ class MavlinkOut:
     def send(self, layout: MessageLayout, *values: Any) -> None:
         """Pack a message and let it go. values: in the order of its definition, arrays element by element.
 
-        Raises struct.error where there are too many or too few, or where one does not fit: a defect of the caller.
+        A defect of the caller: ValueError where there are too many or too few, struct.error where one does not fit.
         """
+        if len(values) != layout.count:
+            raise ValueError(f"{layout.name} has {layout.count} values, not {len(values)}")
         buffer, view = self._buffer, self._view
         layout.pack_into(buffer, _PAYLOAD, *(values if layout.order is None else layout.order(values)))
         # trailing zeros are not sent, but for the first byte

@@ -17,20 +17,20 @@ from flightsw.icd import mavlink
 class MessageLayout:
     """Layout of one kind of message. Values are packed in the order of its definition, arrays element by element.
 
-    order: puts them into the order of the wire, None where that is the same. seed: CRC_EXTRA of the definition.
+    count: how many. order: puts them into the order of the wire, None where that is the same. seed: CRC_EXTRA of the
+    definition.
     """
 
-    __slots__ = ("id_bytes", "message_id", "name", "order", "pack_into", "seed", "size", "values")
+    __slots__ = ("count", "id_bytes", "name", "order", "pack_into", "seed", "size")
 
     def __init__(self, kind: type[mavlink.MAVLink_message]) -> None:
         self.name = kind.msgname
-        self.message_id = kind.id
         self.id_bytes = kind.id.to_bytes(3, "little")
         self.pack_into = kind.unpacker.pack_into
         self.size = kind.unpacker.size
         self.seed = kind.crc_extra
         places = _places(kind)
-        self.values = len(places)
+        self.count = len(places)
         self.order: Callable[[tuple[Any, ...]], tuple[Any, ...]] | None = None
         if places != sorted(places):
             self.order = itemgetter(*places)

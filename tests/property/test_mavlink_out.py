@@ -106,11 +106,20 @@ def test_a_message_with_nothing_in_it_keeps_one_byte() -> None:
     assert ear.heard[1][1] == 1
 
 
-@pytest.mark.parametrize("values", [(1,), (1, 2, 3), (1.5, 2), (2**64, 2)])
-def test_values_that_do_not_fit_are_a_defect(values: tuple[Any, ...]) -> None:
+@pytest.mark.parametrize("kind", [m.MAVLink_system_time_message, m.MAVLink_leonav_state_result_message])
+@pytest.mark.parametrize("values", [(1,), (1, 2, 3, 4), ("1", 2, 3), (2**64, 2, 3)])
+def test_values_that_do_not_fit_are_a_defect(kind: type[m.MAVLink_message], values: tuple[Any, ...]) -> None:
     """GIVEN too few, too many or impossible values WHEN they are sent THEN it is refused and nothing goes out."""
     flight, ear, _ = flight_and_pymavlink()
-    with pytest.raises(struct.error):
-        flight.send(MessageLayout(m.MAVLink_system_time_message), *values)
+    with pytest.raises((ValueError, struct.error)):
+        flight.send(MessageLayout(kind), *values)
     assert not ear.heard
     assert flight.messages == 0
+
+
+def test_too_many_values_are_none_of_a_message_whose_order_differs_on_the_wire() -> None:
+    """GIVEN a message that the wire has in another order WHEN a value too many is sent THEN it is not just left out."""
+    flight, ear, _ = flight_and_pymavlink()
+    with pytest.raises(ValueError, match="HEARTBEAT has 6 values, not 7"):
+        flight.send(MessageLayout(m.MAVLink_heartbeat_message), *range(7))
+    assert not ear.heard
