@@ -99,6 +99,8 @@ def run_bench(args: argparse.Namespace, data: Path, gravity: Path | None) -> int
     written += make_figures(flown, args.out / "figures")
     for summary in summaries:
         print(bench_report.terminal(summary))
+    for text in bench_report.pooled_lines(summaries):
+        print(text)
     print("\nWanted, goal and measured (issue items):")
     print(bench_report.verdict_head())
     for text in bench_report.verdict_lines(lines):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ground.accuracy.bench_cases import PERFECT_CLOCK
-from ground.accuracy.bench_summary import Summary, clock_ratios, velocity_ratios
+from ground.accuracy.bench_summary import Summary, clock_ratios, pooled_validation, velocity_ratios
 from ground.accuracy.bench_verdict import Line
 from ground.errors import OperatorError
 
@@ -17,6 +17,7 @@ _VERDICT_HEAD = "item | orbit | fixes | what | wanted | goal | measured | "
 _STEADY_HEAD = "orbit | fixes | converged in | position rms | max | velocity rms | beyond bound | NEES/n"
 _OUTAGE_HEAD = "orbit | fixes | age | starts | median | 99.7 % | max | error/bound | bound median | NEES/n | "
 _OUTAGE_HEAD += "floor median | floor max | share"
+_POOLED = "all measured orbits"
 _VALIDATION_HEAD = "orbit | fixes | outages | independent arcs | violated | largest | 1 / q.95"
 _RETURN_HEAD = "orbit | fixes | outage | runs | error then (max) | 5 m in 60 s | worst | 2x steady in 600 s | worst | "
 _RETURN_HEAD += "rms at 600 s by steady | late without outage"
@@ -28,6 +29,7 @@ def document(summaries: Sequence[Summary], lines: Sequence[Line], code_sha256: s
         "schema": SCHEMA,
         "code_sha256": code_sha256,
         "cases": list(summaries),
+        "pooled_validation": pooled_validation(summaries),
         "position_only_velocity_ratio": velocity_ratios(summaries),
         "oscillator_outage_ratio": clock_ratios(summaries, PERFECT_CLOCK),
         "verdict": [line.as_document() for line in lines],
@@ -47,6 +49,7 @@ def write(folder: Path, content: dict[str, Any], lines: Sequence[Line]) -> list[
 
 def markdown(summaries: Sequence[Summary], lines: Sequence[Line]) -> str:
     """accuracy.md: the verdict, then steady flight, outages and returns of every case."""
+    pooled = pooled_validation(summaries)
     return "\n".join(
         [
             "# Accuracy",
@@ -80,7 +83,10 @@ def markdown(summaries: Sequence[Summary], lines: Sequence[Line]) -> str:
             "A validation on orbits that no tuning has seen, no certification. Largest error / bound of each outage "
             "over all its ages: the largest of them, and 1 / their 95 % quantile.",
             "",
-            *_table(_VALIDATION_HEAD, map(_validation_row, summaries)),
+            *_table(
+                _VALIDATION_HEAD,
+                (_validation_row(one) for one in [*summaries, *({"orbit": _POOLED, **one} for one in pooled)]),
+            ),
             "",
             "## Fixes again",
             "",
@@ -155,6 +161,17 @@ def _steady_row(one: Summary) -> tuple[str, ...]:
         _percent(steady["beyond_bound_share"]),
         _nees(steady),
     )
+
+
+def pooled_lines(summaries: Sequence[Summary]) -> list[str]:
+    """A line for each profile that several measured orbits were flown with."""
+    return [
+        f"{_POOLED}, {one['profile']} fixes: {told['outages']} outages, {told['independent_arcs']} independent arcs, "
+        f"{told['violated']} violated, largest error / bound {_plain(told['worst_error_to_bound'])}, "
+        f"1 / 95 % quantile {_plain(told['tightness_q95'])}"
+        for one in pooled_validation(summaries)
+        for told in (one["validation"],)
+    ]
 
 
 def _validation_row(one: Summary) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ def summarise(case: Case, figures: Arrays) -> Summary:
     rms_m = steady["rms_3d_m"]
     return {
         "orbit": case.orbit.name,
+        "measured": case.orbit.period_s is None,
         "profile": case.profile,
         "table_set": case.table_set,
         "settings": list(case.settings),
@@ -150,15 +151,33 @@ def validation_figures(plan: Plan, figures: Arrays) -> Summary:
     ratio[np.isnan(figures["outage_bound_m"]) & np.isfinite(outage_axis_m(figures))] = np.inf
     flown = ~np.isnan(ratio).all(axis=1)
     worst = np.nanmax(ratio[flown], axis=1) if flown.any() else np.array([np.nan])
-    q95 = _quantile(worst, 0.95)
     last_s, arcs = -np.inf, 0
     for begin_s in sorted(plan.begins_s):
         if begin_s >= last_s + plan.ages_s[-1]:
             last_s, arcs = begin_s, arcs + 1
+    violated = int((figures["outage_beyond"][flown] > 0).sum())
+    return {**_validation(worst, arcs, violated), "error_to_bound": [_number(value) for value in worst if flown.any()]}
+
+
+def pooled_validation(summaries: Sequence[Summary]) -> list[Summary]:
+    """By profile of fixes: the outages of all measured orbits together, where there is more than one such orbit."""
+    pooled = []
+    for profile in dict.fromkeys(one["profile"] for one in summaries):
+        told = [one["validation"] for one in summaries if one["profile"] == profile and one["measured"]]
+        if len(told) > 1:
+            worst = [np.inf if value is None else value for one in told for value in one["error_to_bound"]]
+            arcs, violated = (sum(one[name] for one in told) for name in ("independent_arcs", "violated"))
+            pooled.append({"profile": profile, "validation": _validation(np.array(worst or [np.nan]), arcs, violated)})
+    return pooled
+
+
+def _validation(worst: np.ndarray, arcs: int, violated: int) -> Summary:
+    """worst (n,): largest error / bound of each outage, NaN for none flown."""
+    q95 = _quantile(worst, 0.95)
     return {
-        "outages": int(flown.sum()),
+        "outages": int(np.sum(~np.isnan(worst))),
         "independent_arcs": arcs,
-        "violated": int((figures["outage_beyond"][flown] > 0).sum()),
+        "violated": violated,
         "worst_error_to_bound": _number(worst.max()),
         "q95_error_to_bound": _number(q95),
         "tightness_q95": _number(1.0 / q95) if q95 > 0.0 else None,

@@ -30,6 +30,7 @@ from ground.accuracy.bench_summary import (
     chance_of_a_late_return,
     converged_s,
     near_s,
+    pooled_validation,
     return_figures,
     start_list,
     steady_again_s,
@@ -311,3 +312,23 @@ def test_validation_counts_outages_and_the_arcs_that_do_not_overlap() -> None:
     assert found["q95_error_to_bound"] == pytest.approx(0.49)
     bound[0, 7] = np.nan  # a state without a bound
     assert validation_figures(plan, figures)["worst_error_to_bound"] is None
+
+
+def test_measured_orbits_are_pooled_by_their_outages() -> None:
+    """GIVEN two measured orbits and a simulated one with white fixes, one measured one with coloured ones WHEN pooled
+    THEN white ones are the outages of the two measured orbits together, and nobody is pooled alone."""
+
+    def told(profile: str, measured: bool, ratios: list[float | None], violated: int) -> dict[str, Any]:
+        validation = {"error_to_bound": ratios, "independent_arcs": 2, "violated": violated}
+        return {"profile": profile, "measured": measured, "validation": validation}
+
+    first, second = told("white", True, [0.1, 0.2, 0.3], 0), told("white", True, [0.5], 1)
+    simulated, alone = told("white", False, [0.9], 1), told("coloured", True, [0.7], 1)
+    (pooled,) = pooled_validation([first, simulated, second, alone])
+    assert pooled["profile"] == "white"
+    found = pooled["validation"]
+    assert (found["outages"], found["independent_arcs"], found["violated"]) == (4, 4, 1)
+    assert found["worst_error_to_bound"] == 0.5
+    assert found["tightness_q95"] == pytest.approx(1.0 / 0.47)
+    (pooled,) = pooled_validation([first, told("white", True, [None], 1)])
+    assert pooled["validation"]["worst_error_to_bound"] is None
