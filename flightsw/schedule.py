@@ -60,15 +60,16 @@ class Member:
         self._durations[waiting] = duration_ns
         self._waiting = waiting + 1
         if waiting == _WAITING - 1:
-            self._enter()
+            self.enter_waiting()
 
-    def _enter(self) -> None:
+    def enter_waiting(self) -> None:
+        """Enter what was put down."""
         enter(self._durations_view, self._waiting, self.budget_us * 1000.0, self._histogram_view, self._account_view)
         self._waiting = 0
 
     def _of_account(self, place: int) -> int:
         if self._waiting:
-            self._enter()
+            self.enter_waiting()
         return self._account[place]
 
     @property
@@ -95,7 +96,7 @@ class Member:
     def histogram(self) -> array[int]:
         """Runs by bin of their duration."""
         if self._waiting:
-            self._enter()
+            self.enter_waiting()
         return self._histogram
 
     def percentile_ns(self, percent: float) -> float:
@@ -144,6 +145,7 @@ class Schedule:
         self._slack = slack
         self.whole = Member("tick", 1, tick_budget_us, lambda: None)
         self.wake = Member("wake", 1, tick_budget_us, lambda: None)  # how late ticks began, in real time
+        self.wake.enter_waiting()  # a compiled function's first call takes milliseconds: not in a tick
 
     def everyone(self) -> tuple[Member, ...]:
         """The whole tick, its members, the slack."""

@@ -74,9 +74,12 @@ class MavlinkOut:
         if len(values) != layout.count:
             raise ValueError(f"{layout.name} has {layout.count} values, not {len(values)}")
         buffer, view = self._buffer, self._view
-        layout.pack_into(buffer, _PAYLOAD, *(values if layout.order is None else layout.order(values)))
-        # trailing zeros are not sent, but for the first byte
-        end = _PAYLOAD + (len(buffer[_PAYLOAD : _PAYLOAD + layout.size].rstrip(b"\0")) or 1)
+        # not pack_into: with its two arguments LEONAV_INTEGRITY would make twenty, and of freed tuples of that length
+        # CPython 3.11 hoards two thousand before it uses one again
+        packed = layout.pack(*(values if layout.order is None else layout.order(values)))
+        payload = packed.rstrip(b"\0") or b"\0"  # trailing zeros are not sent, but for the first byte
+        end = _PAYLOAD + len(payload)
+        buffer[_PAYLOAD:end] = payload
         buffer[_LENGTH] = end - _PAYLOAD
         buffer[_SEQUENCE] = self._sequence
         buffer[_ID:_PAYLOAD] = layout.id_bytes

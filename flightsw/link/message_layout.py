@@ -21,13 +21,12 @@ class MessageLayout:
     definition.
     """
 
-    __slots__ = ("count", "id_bytes", "name", "order", "pack_into", "seed", "size")
+    __slots__ = ("count", "id_bytes", "name", "order", "pack", "seed")
 
     def __init__(self, kind: type[mavlink.MAVLink_message]) -> None:
         self.name = kind.msgname
         self.id_bytes = kind.id.to_bytes(3, "little")
-        self.pack_into = kind.unpacker.pack_into
-        self.size = kind.unpacker.size
+        self.pack = kind.unpacker.pack
         self.seed = kind.crc_extra
         places = _places(kind)
         self.count = len(places)
